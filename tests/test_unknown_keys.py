@@ -13,7 +13,6 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli.shared.rate_loops import _vehicle
 from coaxlink.data import read_stand_log
 from coaxlink.fly.plans import plan_of
-from coaxlink.monitor.config import load_config
 from coaxlink.rotor import load_rotor_model
 from coaxlink.studies.campaign.flights import known_effects
 from coaxlink.studies.campaign.spec import read_spec
@@ -88,9 +87,6 @@ CASES = {
     "fly's plan": (flight_plan, PLAN, "height_m", "heigth_m", "heigth_m: unknown; height_m?"),
     "fly's pieces": (flight_plan, PLAN, "[[pieces]]", "[[piece]]", "piece: unknown; pieces?"),
     "fly's piece": (flight_plan, PLAN, "north_m", "north", "pieces[1].north: unknown; north_m?"),
-    "monitor": (
-        load_config, "connect = 'udpin:127.0.0.1:14550'\n", "connect", "conect", "conect: unknown; connect?",
-    ),
     "columns": (
         columns_map, "upper_rpm = 'n1'\n", "upper_rpm", "uper_rpm", "uper_rpm: unknown; upper_rpm?",
     ),
@@ -115,7 +111,7 @@ CASES = {
 READERS = {
     *(f"coaxlink/{p}.py" for p in ("airframe", "cli/shared/rate_loops", "data/columns_map")),
     "coaxlink/studies/campaign/spec.py",
-    *(f"coaxlink/{p}.py" for p in ("fly/plans", "monitor/config")),
+    *(f"coaxlink/{p}.py" for p in ("fly/plans",)),
     "coaxlink/rotor/model.py",
     *(f"sim/{p}.py" for p in ("manoeuvres", "physics/rotors", "truth", "vehicle")),
     *(f"sim/stand/{p}.py" for p in ("effects", "schedule")),

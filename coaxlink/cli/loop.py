@@ -12,7 +12,7 @@ from coaxlink.cli.shared.progress import progress
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
 
-FLIGHTS = ("before", "after", "separating", "live_before", "live_after")
+FLIGHTS = ("before", "after", "live_before", "live_after")
 MADE = (
     *("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html"),
     *(f"{name}.tlog" for name in FLIGHTS),
@@ -33,10 +33,6 @@ def loop(
         bool | None,
         typer.Option("--live/--table", help="How both flights are mixed; else by what the effects need."),
     ] = None,
-    separate: Annotated[
-        bool,
-        typer.Option("--separate", help="Where it is ambiguous, first fly what would separate the rivals."),
-    ] = False,
     json: JsonOption = None,
 ) -> None:
     """Fly, refine, re-table, fly again: the flight's allocation error before and after.
@@ -56,11 +52,9 @@ def loop(
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     page = out / "report.html"
     with terminated_as_interrupted(), complete_or_unchanged(out, MADE), progress("coaxlink loop") as bar:
-        result = run_loop(
-            truth, chosen, out, speed, live=live, separate=separate, tell=bar.step, watch=bar.watch
-        )
+        result = run_loop(truth, chosen, out, speed, live=live, tell=bar.step, watch=bar.watch)
         bar.step("drawing the report")
-        flown = [log for log in (result.log_before, result.log_after, result.log_separating) if log]
+        flown = [result.log_before, result.log_after]
         sources: list[str | Path] = [*([truth] if truth else []), *flown, out / "rotor.toml"]
         files.write_atomic(page, report.page(result, Made.now(sources, "demo-x8")))
     if json is not None:

@@ -15,7 +15,6 @@ from coaxlink.cli.shared.shell import JsonOption, console, say
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from coaxlink.monitor.config import Config
     from coaxlink.monitor.incoming.recording import Player
     from coaxlink.monitor.state.moment import Moment
     from coaxlink.monitor.state.watch import Watch
@@ -31,9 +30,8 @@ def register(app: typer.Typer) -> None:
 
 def monitor(
     connect: Annotated[
-        str | None,
-        typer.Option("--connect", metavar="URL", help="Where to listen (default: udpin:0.0.0.0:14550)."),
-    ] = None,
+        str, typer.Option("--connect", metavar="URL", help="Where to listen.")
+    ] = "udpin:0.0.0.0:14550",
     airframe: Annotated[
         Path | None,
         typer.Option("--airframe", metavar="FILE", help="Airframe TOML (default: the paper's X8)."),
@@ -51,10 +49,6 @@ def monitor(
     start: Annotated[
         float, typer.Option("--start", min=0.0, metavar="S", help="Where --replay begins, in s.")
     ] = 0.0,
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", metavar="FILE", help="Settings (default: ~/.config/coaxlink/monitor.toml)."),
-    ] = None,
     web: Annotated[
         bool, typer.Option("--web", help="Show the screen in a browser of this machine (coaxlink[web]).")
     ] = False,
@@ -68,18 +62,15 @@ def monitor(
     json: JsonOption = None,
 ) -> None:
     """Live thrust of upper and lower rotors, split, balance, table on board and link."""
-    from coaxlink.monitor.config import load_config
     from coaxlink.monitor.incoming.heard import Heard
     from coaxlink.monitor.incoming.link import check_address
     from coaxlink.monitor.state.watch import Watch
 
-    settings = load_config(config)
-    url = connect or settings.connect
-    vehicle = _vehicle(airframe or settings.airframe, rotor or settings.rotor)
+    vehicle = _vehicle(airframe, rotor)
     player = None if replay is None else _player(replay, speed, start)
     if player is None:
-        check_address(url)
-        watch = Watch(Heard(), vehicle, url)
+        check_address(connect)
+        watch = Watch(Heard(), vehicle, connect)
     else:
         watch = Watch(player.heard, vehicle, str(replay))
     if once or json is not None:
@@ -92,13 +83,13 @@ def monitor(
             _show(watch.look(), json, replay_words(player))
         return
     if web:
-        _serve(port, None if player else url)
+        _serve(port, None if player else connect)
         return
     if not _SERVED and not (sys.stdin.isatty() and sys.stdout.isatty()):
         from coaxlink.errors import InputError
 
         raise InputError("monitor", "", "the screen needs a terminal; without one use --once or --json FILE")
-    _screen(watch, settings, player)
+    _screen(watch, player)
 
 
 def _serve(port: int, url: str | None) -> None:
@@ -140,16 +131,11 @@ def _vehicle(airframe_path: Path | None, rotor_path: Path | None) -> Vehicle:
     return vehicle
 
 
-def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
+def _screen(watch: Watch, player: Player | None) -> None:
     from coaxlink.monitor.incoming.link import LinkThread
     from coaxlink.monitor.screen.app import Monitor
 
-    shown: dict[str, Any] = {
-        "folder": settings.snapshots,
-        "plot_span_s": settings.plot_s,
-        "page": settings.page,
-        "saves": not _SERVED,
-    }
+    shown: dict[str, Any] = {"saves": not _SERVED}
     if _SERVED:
         _end_with(os.getppid())
     if player is not None:

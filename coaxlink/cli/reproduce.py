@@ -9,8 +9,6 @@ import typer
 
 from coaxlink.cli.shared.shell import JsonOption, console, say
 
-SOURCES = ("x8_paper.toml", "rotor_paper.toml", "rotor_eq15.toml", "rotor_srm_paper.toml", "stand_eq17.csv")
-
 
 def reproduce(
     no_fly: Annotated[bool, typer.Option("--no-fly", help="Leave Table 4's flights out.")] = False,
@@ -21,28 +19,20 @@ def reproduce(
     markdown: Annotated[
         Path | None, typer.Option(metavar="FILE.md", help="Write the ledger as a page (docs/paper.md).")
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
-    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Recompute what the paper prints, and each place where it disagrees with itself."""
     from coaxlink import files
     from coaxlink.report import paper
-    from coaxlink.report.made import Made
     from coaxlink.studies.paper.reproduction import recompute
 
-    for output in (json_file, markdown, report):
+    for output in (json_file, markdown):
         files.refuse_unwritable(output)
     ledger = recompute(fly_table_4=not no_fly, pair=pair, tell=say)
     for table in paper.tables(ledger):
         console().print(table)
     if markdown:
         files.write_atomic(markdown, paper.markdown(ledger))
-    if report:
-        sources = [*map(files.example, SOURCES), *([pair] if pair else [])]
-        files.write_atomic(report, paper.paper_page(ledger, Made.now(sources, "paper-x8")))
-        say(f"wrote {report}")
     if json_file:
         files.write_json(json_file, ledger.to_json())
 

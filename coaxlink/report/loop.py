@@ -61,13 +61,10 @@ def lines(result: LoopResult) -> Iterator[str]:
 
 def _doubts(result: LoopResult) -> Iterator[str]:
     found = result.refinement
-    if result.log_separating is not None:
-        yield f"flown to separate rivals: {result.log_separating}"
     for a in found.ambiguous:
         said = f"ambiguous: {either(a)}"
         tell_apart = f"; to separate: {a.separate_by}" if a.separate_by else ""
-        ask = "; coaxlink loop --separate flies that" if a.experiment and not result.log_separating else ""
-        yield f"{said}{tell_apart}{ask}"
+        yield f"{said}{tell_apart}"
     for u in found.unexplained:
         yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"
     for s in found.suspect_data:

@@ -63,7 +63,6 @@ class LoopResult:
     table_before: FlightErrors  # of the first flight, by table; `before` unless the way is live
     seconds: float  # wall time of it all
     outcome: str  # one of OUTCOMES
-    log_separating: str | None = None  # of the flight that was to tell rivals apart
 
     def to_json(self) -> dict[str, Any]:
         """As `loop --json` writes it."""
@@ -120,16 +119,14 @@ def run_loop(
     speed: float,
     *,
     live: bool | None = None,
-    separate: bool = False,
     tell: Tell = silent,
     watch: Watch = silent,
 ) -> LoopResult:
     """Two flights and what lies between them; models, tables, backups and logs go to `out`.
 
-    `live`: how both are mixed (None: by what the effects need). `separate`: where the answer is ambiguous,
-    first fly what would separate the rivals. Nothing is put into the mixer that the data do not demand: where
-    they are contradictory, ambiguous, unexplained or at the floor, the second flight is the first once more.
-    Raises what the steps raise.
+    `live`: how both are mixed (None: by what the effects need). Nothing is put into the mixer that
+    the data do not demand: where they are contradictory, ambiguous, unexplained or at the floor, the second
+    flight is the first once more. Raises what the steps raise.
     """
     from coaxlink import files
     from coaxlink.airframe import load_airframe
@@ -157,12 +154,6 @@ def run_loop(
     log = read_flight_log(flown.log)
     tell("tracing the residual")
     refinement = refine(log, airframe, model)
-    separated = None
-    if separate and refinement.ambiguous and not refinement.suspect_data:
-        separated = _separate(setup, table, refinement)
-        if separated is not None:
-            tell("tracing the residual of both flights")
-            refinement = refine([log, read_flight_log(separated)], airframe, model)
     found, corrected = _corrected(setup, refinement, log)
     if live is None:
         live = _needs_live(corrected)
@@ -173,7 +164,6 @@ def run_loop(
     return LoopResult(
         seed, pair.way, pair.before, pair.after, pair.log_before, pair.log_after, refinement, pair.done,
         pair.cannot, by_table, time.monotonic() - began, outcome_of(refinement, pair.done),
-        str(separated) if separated is not None else None,
     )  # fmt: skip
 
 
@@ -205,18 +195,6 @@ def mean_voltage(log: Samples) -> float | None:
         return None
     volts = log["voltage_V"][log["height_m"] > 0.5]
     return float(volts.mean()) if len(volts) else None
-
-
-def _separate(setup: LoopSetup, table: TableReport, refinement: Refinement) -> Path | None:
-    """Fly what would tell rivals apart, by the first table; its log, None where no such flight is known."""
-    from coaxlink.fly.trajectory import planned_flight
-
-    experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
-    if not experiments:
-        return None
-    setup.tell(f"flying what would separate {' or '.join(experiments[0].names)}")
-    there = replace(setup, plan=planned_flight(experiments[0].document()))
-    return _fly_table(there, 2, setup.vehicle, "separating", table).log
 
 
 def _table_pair(

@@ -14,7 +14,6 @@ from tempfile import TemporaryDirectory
 from coaxlink import files
 from coaxlink.fly.commands import Commander as Autopilot
 from coaxlink.mavlink import connect
-from coaxlink.monitor.config import PAGES
 from coaxlink.monitor.incoming.heard import Heard
 from coaxlink.monitor.incoming.link import LinkThread
 from coaxlink.monitor.screen.app import Monitor
@@ -43,7 +42,7 @@ async def pictures(address: str, folder: Path, hover_s: float) -> None:
         async with app.run_test(size=(80, 24)) as pilot:
             await asyncio.to_thread(take_off, address)
             await asyncio.sleep(hover_s)
-            for name in (*PAGES, "large"):
+            for name in ("split", "error", "parameters", "messages", "health", "large"):
                 if name == "large":
                     await pilot.resize_terminal(160, 48)
                 app.action_page("split" if name == "large" else name)

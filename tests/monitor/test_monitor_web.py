@@ -14,6 +14,8 @@ import pytest
 from case_table import case_table
 from monitor_messages import Scene
 
+from coaxlink.cli import main
+
 pytest.importorskip("textual_serve")
 from aiohttp import ClientSession, WSMsgType, WSServerHandshakeError
 
@@ -210,3 +212,15 @@ def test_a_browser_saves_no_picture(tmp_path: Path) -> None:
 
     asyncio.run(pressed())
     assert not list(tmp_path.iterdir())
+
+
+def test_a_browser_needs_textual_serve(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "textual_serve.server", None)
+    with pytest.raises(SystemExit, match="2"):
+        main(["monitor", "--web", "--connect", "tcp:127.0.0.1:9"])
+    said = capsys.readouterr().err
+    assert said == (
+        "coaxlink: --web: textual-serve is needed, which is not installed: pip install 'coaxlink[web]'\n"
+    )

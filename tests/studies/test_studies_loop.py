@@ -85,7 +85,7 @@ def loop(monkeypatch, tmp_path):
 NOTHING_DONE = {
     "nothing_found": (answer(), "nothing found, nothing changed"),
     "unexplained": (answer(unexplained=(STRANGE,)), "force_z still follows time_s"),
-    "ambiguous": (answer(ambiguous=(EITHER,)), "coaxlink loop --separate"),
+    "ambiguous": (answer(ambiguous=(EITHER,)), "ambiguous: "),
     "suspect_data": (found(*WEAK, suspects=(BIASED,)), BIASED.why),
 }
 
@@ -103,20 +103,6 @@ def test_nothing_is_put_into_the_mixer_and_that_is_said(loop, tmp_path, capsys, 
     screen = capsys.readouterr().out.replace("\n", " ")
     assert said in screen and "what differs between them is chance" in screen
     assert said in (tmp_path / "out" / "report.html").read_text().replace("\n", " ")
-
-
-@pytest.mark.slow
-def test_what_separates_is_flown_if_requested_and_then_used(loop, tmp_path):
-    result, flown, refined = loop([answer(ambiguous=(EITHER,)), found(*WEAK)], "--separate")
-    before, separating, after = flown
-    assert [f[0] for f in flown] == ["before", "separating", "after"] and len({f[1] for f in flown}) == 3
-    assert separating[2] == before[2] != after[2] and after[4]
-    assert 8.0 < separating[3] < 20.0 < before[3]
-    assert [len(logs) for logs in refined] == [1, 2]
-    assert result["outcome"] == "compensated" and list(result["compensated"]) == ["degraded_rotor"]
-    assert result["log_separating"].endswith("separating.tlog")
-    model = load_rotor_model(tmp_path / "out" / "rotor_refined.toml")
-    assert [e.name for e in model.effects] == ["degraded_rotor"]
 
 
 @pytest.mark.slow
