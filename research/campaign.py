@@ -1,6 +1,6 @@
 """What campaigns cost: two workers against one, the engine's own cost, memory; what a fleet's logs say.
 
-    python research/campaign.py [--small] [--flights 10000] [--scale 600] [--refined 40] [--json F]
+    python research/campaign.py [--small] [--flights 10000] [--scale 600] [--json F]
     python research/campaign.py --fleet [--vehicles 10] [--weeks 20] [--folder F]
 
 Flights are 60 s, plant at 1 ms, loops at 400 Hz, four laws on the paper's X8 in drawn winds with drawn weak
@@ -36,17 +36,6 @@ law = "dryden"
 [effects.degraded_rotor]
 chance = 0.5
 size = {{ low = 0.0, high = 0.3 }}
-rotor = "any"
-"""
-REFINED = """
-flights = {flights}
-laws = ["standard", "fitted"]
-airframe = "x8_demo.toml"
-refine = true
-seconds = 40.0
-[effects.degraded_rotor]
-chance = 0.7
-size = {{ low = 0.05, high = 0.2 }}
 rotor = "any"
 """
 CELL_S, CELLS = 0.05, 800
@@ -153,7 +142,6 @@ def main() -> None:
     parser.add_argument("--small", action="store_true", help="8 flights, for CI")
     parser.add_argument("--flights", type=int, default=10_000)
     parser.add_argument("--scale", type=int, default=600, help="flights of the comparison of 1 and 2 workers")
-    parser.add_argument("--refined", type=int, default=40, help="flights whose logs `refine` is given")
     parser.add_argument("--fleet", action="store_true")
     parser.add_argument("--vehicles", type=int, default=10)
     parser.add_argument("--weeks", type=int, default=20)
@@ -164,7 +152,7 @@ def main() -> None:
         fleet(o)
         return
     if o.small:
-        o.flights, o.refined = 8, 0
+        o.flights = 8
     results: dict[str, float] = {}
 
     def tell(name: str, value: float, text: str) -> None:
@@ -190,12 +178,6 @@ def main() -> None:
         wall, processor, mb = fly(folder / "big", o.flights, 2)
         each = f"{wall:.0f} s, {processor / o.flights:.3f} s of processor each, largest process {mb:.0f} MB"
         tell("wall_s", wall, f"{o.flights} flights of 60 s: {each}")
-        if o.refined:
-            spec = folder / "refined.toml"
-            spec.write_text(REFINED.format(flights=o.refined))
-            done = subprocess.run([*COAXLINK, str(spec), "--out", str(folder / "refined")],
-                                  capture_output=True, text=True, check=True)  # fmt: skip
-            print(*(x for x in (done.stdout + done.stderr).splitlines() if x.startswith("refine named")))
     if o.json:
         o.json.write_text(json.dumps(results, indent=1))
 

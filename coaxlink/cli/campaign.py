@@ -65,7 +65,7 @@ def _fly(spec: Spec, folder: Path, machine: Machine) -> None:
 
     payload = Payload(spec, code_hash())
     decides = {"campaign": spec.name, "digest": spec.digest, "seed": spec.seed, "code": payload.code}
-    size = len(spec.laws) * (1 if spec.refine else DRAWS)
+    size = len(spec.laws) * DRAWS
     with Dataset(folder, columns(spec), spec.cells, decides) as dataset:
         if dataset.done:
             say(f"{dataset.done} of {spec.cells} are there already")
@@ -102,7 +102,6 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
         screen.print(line)
     for heads, rows in (
         (("figure", *summary.laws), report.spread_rows(summary)),
-        (report.SENSITIVITY_HEADS, report.sensitivity_rows(summary)),
         # the command that flies one again stands below, once and in one piece
         (report.WORST_HEADS[:-1], [row[:-1] for row in report.worst_rows(summary)]),
     ):

@@ -34,7 +34,6 @@ def sentences(s: Summary) -> Iterator[str]:
     for law, found in s.paired.items():
         for name in NOTED:
             yield f"{law} against {s.laws[0]}, {words(name)}: {_against(found[name])}"
-    yield from named(s)
 
 
 def ends(s: Summary) -> Iterator[str]:
@@ -44,14 +43,6 @@ def ends(s: Summary) -> Iterator[str]:
             yield f"{law}: {count} of {c.flown} flights ended in the {why} failsafe"
         for why, count in c.problem.items():
             yield f"{law}: {count} not flown: {why}"
-
-
-def named(s: Summary) -> Iterator[str]:
-    """What `refine` made of the logs, where it was asked for."""
-    if s.refined is not None:
-        r = s.refined
-        clean = f"something in {r.clean_named} of {r.clean} clean ones"
-        yield f"refine named {r.right} of {r.logs} logs right; {clean}"
 
 
 def lead(s: Summary) -> str:
@@ -69,10 +60,6 @@ def lead(s: Summary) -> str:
 
 def _change(share: float) -> str:
     return f"{100 * abs(share):.2g} % {'more' if share > 0.0 else 'less'}"
-
-
-def _chance(p_value: float) -> str:
-    return f"{p_value:.2g}" if p_value >= 0.001 else "below 0.001"
 
 
 def _against(p: Paired) -> str:
@@ -95,18 +82,8 @@ def worst_rows(s: Summary) -> list[tuple[str, ...]]:
     return [(w.law, str(w.cell), number(w.value), w.failsafe or "-", w.replay) for w in s.worst]
 
 
-def sensitivity_rows(s: Summary, most: int = 12) -> list[tuple[str, ...]]:
-    """The strongest dependences that are no chance."""
-    rows: list[tuple[str, ...]] = []
-    for d in s.clear[:most]:
-        ends = "" if d.ci is None else " .. ".join(number(x) for x in d.ci)
-        rows.append((d.law, words(d.figure), d.quantity, f"{d.strength:+.2f}", ends, _chance(d.p_value)))
-    return rows
-
-
 WORST_HEADS = ("law", "cell", "value", "failsafe", "replay")
 NOTHING = 1e-6  # m, N, N m, deg, Wh, shares
-SENSITIVITY_HEADS = ("law", "figure", "follows", "strength", "95 %", "p")
 
 
 def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> str:
@@ -125,8 +102,6 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
         for name, p in found.items()
     ]  # fmt: skip
     pair_heads = ("law", "figure", f"less {s.laws[0]}", "95 %", "of its mean", "smaller in", "p")
-    refined = s.refined
-    missed = [(n, str(a), str(b)) for n, (a, b) in refined.missed.items()] if refined else []
     versions = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
     return render(
         "campaign.html",
@@ -134,22 +109,13 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
         lead=lead(s),
         made=made or Made.now(),
         spreads=PagePicture(plots.spreads(s, columns), "spread of the main figures, law by law"),
-        remarks=[*ends(s), *named(s)],
+        remarks=list(ends(s)),
         figures=PageTable(("figure", *s.laws), spread_rows(s)),
         reference=s.laws[0],
         differences=PagePicture(plots.differences(s), "differences on equal seeds with intervals"),
         pairs=PageTable(pair_heads, pairs),
-        sensitivity=PagePicture(
-            plots.sensitivity(s), "rank correlation of every figure with every varied quantity"
-        )
-        if s.sensitivities
-        else None,
-        looked_at=len(s.sensitivities),
-        clear=len(s.clear),
-        follows=PageTable(SENSITIVITY_HEADS, sensitivity_rows(s, 40)),
         judge=words(s.judge),
         worst=PageTable(WORST_HEADS, worst_rows(s), wide=(4,)),
         quantiles=PageTable(("law", "figure", "5 %", "median", "95 %"), quantiles),
-        missed=PageTable(("effect", "not named", "logs"), missed) if refined else None,
         flown_with=f"flown with {versions}; campaign {str(s.manifest.get('digest', ''))[:16]}",
     )

@@ -109,7 +109,7 @@ def spec(tmp_path):
 
 
 def made_columns():
-    """Fitted is 0.1 below standard on every draw but for noise; height follows mass, yaw the plan."""
+    """Fitted is 0.1 below standard on every draw but for noise; height follows mass."""
     random = np.random.default_rng(8)
     rows = 2 * DRAWS
     law = np.array(["standard", "fitted"] * DRAWS, dtype=object)
@@ -137,9 +137,6 @@ def test_what_is_known_is_found(spec):
     assert pair.ci[0] < -0.1 < pair.ci[1] < -0.08 and pair.p_value < 1e-20 and pair.better > 0.85
     assert s.figures["standard"]["tilt_rms_deg"].ci[1] > s.figures["fitted"]["tilt_rms_deg"].ci[0]
     assert s.counts["standard"].failsafe == {"attitude": 1} and s.counts["fitted"].flown == DRAWS
-    follows = {("height_max_m", "mass_share"), ("yaw_rms_deg", "plan")}
-    assert {(d.figure, d.quantity) for d in s.clear} == follows and len(s.clear) == 4
-    assert s.clear[0].strength > 0.8
     worst = [w for w in s.worst if w.law == "standard"]
     assert worst[0].cell == 6 and worst[0].replay == "coaxlink campaign c.toml --replay 6"
     values = [w.value for w in worst[1:]]

@@ -1,4 +1,4 @@
-"""Pictures of a campaign: spreads a law, differences on equal seeds, what errors follow."""
+"""Pictures of a campaign: spreads a law, differences on equal seeds."""
 
 from __future__ import annotations
 
@@ -69,24 +69,4 @@ def differences(summary: Summary) -> bytes:
     axes.invert_yaxis()
     axes.set_xlabel(f"per cent of {summary.laws[0]}'s mean, 95 %; left is better")
     axes.legend(fontsize=8)
-    return drawn(figure)
-
-
-def sensitivity(summary: Summary) -> bytes:
-    """What each figure follows, over the laws' own: the strongest of them."""
-    quantities = list(dict.fromkeys(d.quantity for d in summary.sensitivities))
-    names = list(FIGURES)
-    figure = new_figure(3.5 * len(summary.laws) + 2.5, 1.5 + 0.3 * len(names))
-    panels = figure.subplots(1, len(summary.laws), squeeze=False, sharey=True)[0]
-    for axes, law in zip(panels, summary.laws, strict=True):
-        grid = np.zeros((len(names), len(quantities)))
-        for d in summary.sensitivities:
-            if d.law == law:
-                grid[names.index(d.figure), quantities.index(d.quantity)] = d.strength
-        image = axes.imshow(grid, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-        short = [q.removeprefix("effects.") for q in quantities]
-        axes.set_xticks(range(len(quantities)), short, rotation=60, ha="right", fontsize=7)
-        axes.set_yticks(range(len(names)), [WORDS[n] for n in names], fontsize=7)
-        axes.set_title(law, fontsize=9)
-    figure.colorbar(image, ax=panels, label="rank correlation (names: share of variance)")
     return drawn(figure)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
-from coaxlink.studies.campaign.rows import NUMBER, TEXT, WHOLE, YES
+from coaxlink.studies.campaign.rows import NUMBER, TEXT, WHOLE
 from coaxlink.studies.campaign.spec import Cell, KnownEffect, Spec, cell
 from coaxlink.studies.engine import Row
 from firmware_params.bounded import parse_toml
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
 KEPT = 64  # designs (a vehicle under a law) that a worker remembers
 SHARES = ("mass_share", "inertia_share", "arm_share", "lag_s")
-LOG_HZ = 100  # of the logs that refine is given
-REFINED = {"truth": TEXT, "found": TEXT, "named_right": YES, "found_p": NUMBER, "doubt": TEXT}
+LOG_HZ = 100  # of a replayed flight's log
 _LOCK = threading.Lock()  # a Dask worker of many threads flies one at a time: laws keep their memory
 
 
@@ -57,13 +56,12 @@ def columns(spec: Spec) -> dict[str, str]:
     for name, q in spec.quantities.items():
         if not name.endswith(".chance"):
             found[name] = TEXT if q.text else NUMBER
-    found |= dict.fromkeys(FIGURES, NUMBER) | {"failsafe": TEXT, "problem": TEXT}
-    return found | (REFINED if spec.refine else {})
+    return found | dict.fromkeys(FIGURES, NUMBER) | {"failsafe": TEXT, "problem": TEXT}
 
 
 @cache
 def code_hash() -> str:
-    """SHA-256 of the source that decides a row: the world's, cells, laws, refine."""
+    """SHA-256 of the source that decides a row: the world's, cells, laws."""
     import coaxlink
     import sim
 
@@ -109,21 +107,18 @@ def fly_cell(spec: Spec, one: Cell, log: Path | None = None, out: Path | None = 
     try:
         with tempfile.TemporaryDirectory() as scratch:
             folder = out or Path(scratch)
-            vehicle, design = _design(spec, one, folder)
+            design = _design(spec, one, folder)
             world = world_of(spec, one, design.vehicle.rotors)
             for e in world.effects:
                 if "rotor" in e.extra:
                     row[f"effects.{e.name}.rotor"] = e.extra["rotor"]
-            every = max(spec.rate_hz // LOG_HZ, 1) if spec.refine or log is not None else 0
+            every = 0 if log is None else max(spec.rate_hz // LOG_HZ, 1)
             flown, columns_ = fly_quick(design, world, every)
             row |= asdict(flown)
-            if every:
+            if log is not None:
                 from sim.flights import write_flight
 
-                flight_log = log or Path(scratch) / "flight.csv"
-                write_flight(flight_log, columns_)
-                if spec.refine:
-                    row |= _refined(flight_log, vehicle, world.effects)
+                write_flight(log, columns_)
             if out is not None:
                 from sim.truth import Truth, truth_text
 
@@ -156,11 +151,11 @@ def world_of(spec: Spec, one: Cell, rotors: int) -> FlightWorld:
     return FlightWorld(tuple(effects), one.seed, plan, spec.seconds, spec.settle_s, charge, spec.rate_hz)
 
 
-_DESIGNS: OrderedDict[tuple[Any, ...], tuple[Vehicle, FlightDesign]] = OrderedDict()
+_DESIGNS: OrderedDict[tuple[Any, ...], FlightDesign] = OrderedDict()
 
 
-def _design(spec: Spec, one: Cell, folder: Path) -> tuple[Vehicle, FlightDesign]:
-    """The vehicle as its owner knows it, and as it flies under the cell's law. Raises InputError."""
+def _design(spec: Spec, one: Cell, folder: Path) -> FlightDesign:
+    """The vehicle as it flies under the cell's law. Raises InputError."""
     from coaxlink.vehicle import load_vehicle
     from sim.physics.rotors import read_pair
     from sim.quick.flight import make_design
@@ -171,8 +166,7 @@ def _design(spec: Spec, one: Cell, folder: Path) -> tuple[Vehicle, FlightDesign]
     frame, rotor, believed = write_vehicle(spec, one.values, folder)
     if key not in _DESIGNS:
         vehicle = load_vehicle(frame, believed)
-        made = make_design(read_vehicle(frame), read_pair(rotor), _mixer(vehicle, one.law))
-        _DESIGNS[key] = (vehicle, made)
+        _DESIGNS[key] = make_design(read_vehicle(frame), read_pair(rotor), _mixer(vehicle, one.law))
         if len(_DESIGNS) > KEPT:
             _DESIGNS.popitem(last=False)
     _DESIGNS.move_to_end(key)
@@ -212,21 +206,3 @@ def write_vehicle(spec: Spec, values: Mapping[str, float | str], folder: Path) -
     frame = folder / "airframe.toml"
     frame.write_text(tomli_w.dumps(document))
     return frame, folder / Path(rotor).name, folder / Path(believed).name
-
-
-def _refined(log: Path, vehicle: Vehicle, effects: tuple[HiddenEffect, ...]) -> dict[str, Any]:
-    """What `refine` makes of the flight's log, beside the truth that it has not seen."""
-    from coaxlink.data import read_flight_log
-    from coaxlink.residual import refine
-
-    answer = refine(read_flight_log(log), vehicle.declared, vehicle.rotors)
-    truth, found = sorted(e.name for e in effects), sorted(e.name for e in answer.effects)
-    chances = [float(e.evidence["p_value"]) for e in answer.effects if "p_value" in e.evidence]
-    doubts = [*("/".join(a.names) for a in answer.ambiguous), *(u.channel for u in answer.unexplained)]
-    return {
-        "truth": ",".join(truth),
-        "found": ",".join(found),
-        "named_right": truth == found,
-        "found_p": max(chances, default=math.nan),
-        "doubt": ",".join(sorted(doubts)),
-    }

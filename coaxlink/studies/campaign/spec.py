@@ -45,7 +45,7 @@ NUMBERS: dict[str, tuple[float, float, str]] = {
 NAMES = ("airframe", "rotor", "believed", "plan")
 PLAIN = {
     "name": str, "seed": int, "flights": int, "repeats": int, "seconds": float, "settle_s": float,
-    "rate_hz": int, "judge": str, "refine": bool, "draw": str, "laws": list, "effects": dict,
+    "rate_hz": int, "judge": str, "draw": str, "laws": list, "effects": dict,
 }  # fmt: skip
 
 
@@ -109,7 +109,6 @@ class Spec:
     settle_s: float
     rate_hz: int
     judge: str
-    refine: bool
     quantities: Mapping[
         str, DrawnQuantity
     ]  # airframe, mass_share, ..., effects.wind.size, effects.wind.chance
@@ -129,7 +128,7 @@ class Spec:
     def digest(self) -> str:
         """Of everything that decides a row."""
         content = [self.seed, self.laws, self.grid, self.repeats, self.seconds, self.settle_s, self.rate_hz]
-        content += [self.refine, self.draws, sorted(self.texts.items())]
+        content += [self.draws, sorted(self.texts.items())]
         content += [
             [k, [q.values, q.low, q.high, q.log, q.steps]] for k, q in sorted(self.quantities.items())
         ]
@@ -211,7 +210,7 @@ def read_spec(path: Path, known: Mapping[str, KnownEffect]) -> Spec:
     return Spec(
         document.get("name", path.stem), document.get("seed", 1), draws, laws, grid, repeats,
         float(found["seconds"]), float(found["settle_s"]), int(found["rate_hz"]),
-        document.get("judge", "height_max_m"), document.get("refine", False), quantities, texts,
+        document.get("judge", "height_max_m"), quantities, texts,
     )  # fmt: skip
 
 

@@ -1,8 +1,7 @@
-"""What a campaign's rows say: each law's figures, laws against each other on a seed, what errors follow.
+"""What a campaign's rows say: each law's figures, and laws against each other on a seed.
 
 Intervals are 95 % percentile bootstrap intervals of the mean over draws (Efron 1979), from a fixed seed;
-beyond BOOT_ROWS rows the normal ones, which are then the same. Sensitivity is Spearman's rank correlation
-with Fisher's interval; for a quantity of names, the share of the ranks' variance between its groups.
+beyond BOOT_ROWS rows the normal ones, which are then the same.
 """
 
 from __future__ import annotations
@@ -26,10 +25,8 @@ FIGURES: dict[str, str] = {  # what is compared, and its unit; smaller is better
     "saturated": "1", "energy_Wh": "Wh",
 }  # fmt: skip
 RESAMPLES, BOOT_ROWS = 1000, 2000
-LEAST_FLIGHTS = 10  # of a law, for what its errors follow
 WORST = 5  # cells of each law
 Z95 = 1.959963984540054
-CHANCE = 1e-3  # of one false word among all sensitivities that are looked at
 
 
 @dataclass(frozen=True)
@@ -66,35 +63,12 @@ class Worst:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
-    """How a law's figure follows a varied quantity."""
-
-    law: str
-    figure: str
-    quantity: str
-    strength: float  # rank correlation -1..1; of names: share of the ranks' variance, 0..1
-    ci: tuple[float, float] | None
-    p_value: float
-
-
-@dataclass(frozen=True)
 class LawCount:
     """How a law's flights ended."""
 
     flown: int
     failsafe: Mapping[str, int]
     problem: Mapping[str, int]
-
-
-@dataclass(frozen=True)
-class Refined:
-    """What refine said of the logs, against what was true."""
-
-    logs: int
-    right: int  # named all of what was true and nothing else
-    clean: int  # logs with nothing in them
-    clean_named: int  # of these, with something named
-    missed: Mapping[str, tuple[int, int]]  # effect: not named, logs that had it
 
 
 @dataclass(frozen=True)
@@ -108,18 +82,8 @@ class Summary:
     figures: Mapping[str, Mapping[str, Spread]]  # law, figure
     paired: Mapping[str, Mapping[str, Paired]]  # law, figure; against the first law
     worst: tuple[Worst, ...]
-    sensitivities: tuple[Sensitivity, ...]  # all that were looked at
     judge: str
-    refined: Refined | None = None
     manifest: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def clear(self) -> tuple[Sensitivity, ...]:
-        """Sensitivities beyond chance over all that were looked at, the strongest first."""
-        limit = CHANCE / max(len(self.sensitivities), 1)
-        return tuple(
-            sorted((d for d in self.sensitivities if d.p_value < limit), key=lambda d: -abs(d.strength))
-        )
 
     def to_json(self) -> dict[str, Any]:
         """As `campaign --json` writes it."""
@@ -136,8 +100,6 @@ class Summary:
             },
             "judge": self.judge,
             "worst": [_plain(w) for w in self.worst],
-            "sensitivity": [_plain(d) for d in self.sensitivities],
-            "refined": None if self.refined is None else _plain(self.refined),
             "manifest": dict(self.manifest),
         }  # fmt: skip
 
@@ -172,8 +134,7 @@ def summarise(
         figures[name] = {f: _spread(np.asarray(columns[f], float)[chosen]) for f in FIGURES}
     return Summary(
         spec.name, len(law), spec.laws, counts, figures, _pairs(spec, columns, law, good),
-        _worst(spec, columns, law, replay), _sensitivities(spec, columns, law, good), spec.judge,
-        _refined(columns) if spec.refine else None, manifest or {},
+        _worst(spec, columns, law, replay), spec.judge, manifest or {},
     )  # fmt: skip
 
 
@@ -238,60 +199,3 @@ def _worst(spec: Spec, columns: Mapping[str, Any], law: Any, replay: str) -> tup
             number = int(cell[k])
             found.append(Worst(number, name, float(values[k]), str(failsafe[k]), f"{replay} {number}"))
     return tuple(found)
-
-
-def _sensitivities(spec: Spec, columns: Mapping[str, Any], law: Any, good: Any) -> tuple[Sensitivity, ...]:
-    varied = [n for n in columns if n in spec.quantities and len(set(columns[n].tolist())) > 1]
-    found = []
-    for name in spec.laws:
-        chosen = np.flatnonzero((law == name) & good)
-        if len(chosen) < LEAST_FLIGHTS:
-            continue
-        for quantity in varied:
-            of = np.asarray(columns[quantity])[chosen]
-            for figure in FIGURES:
-                y = np.asarray(columns[figure], float)[chosen]
-                if spec.quantities[quantity].text:
-                    found.append(Sensitivity(name, figure, quantity, *_by_groups(of.astype(str), y)))
-                    continue
-                x = of.astype(float)
-                x = np.abs(x) if quantity.endswith(".size") else x
-                if np.ptp(x) > 0.0 and np.ptp(y) > 0.0:
-                    found.append(Sensitivity(name, figure, quantity, *_by_rank(x, y)))
-    return tuple(found)
-
-
-def _by_rank(x: Array, y: Array) -> tuple[float, tuple[float, float], float]:
-    """Spearman's rank correlation, its interval (Bonett and Wright 2000) and its chance."""
-    from scipy.stats import spearmanr
-
-    rho, p_value = (float(v) for v in spearmanr(x, y))
-    half = Z95 * math.sqrt((1.0 + rho * rho / 2.0) / (len(x) - 3))
-    middle = math.atanh(min(max(rho, -1 + 1e-12), 1 - 1e-12))
-    return rho, (math.tanh(middle - half), math.tanh(middle + half)), p_value
-
-
-def _by_groups(of: Any, y: Array) -> tuple[float, None, float]:
-    """Share of the ranks' variance between groups (Kruskal and Wallis), and its chance."""
-    from scipy.stats import kruskal
-
-    groups = [y[of == g] for g in np.unique(of)]
-    if np.ptp(y) == 0.0 or len(groups) < 2:
-        return 0.0, None, 1.0
-    h, p_value = kruskal(*groups)
-    return float(h) / (len(y) - 1), None, float(p_value)
-
-
-def _refined(columns: Mapping[str, Any]) -> Refined:
-    pairs = [(str(t or ""), str(f or "")) for t, f in zip(columns["truth"], columns["found"], strict=True)]
-    missed: dict[str, list[int]] = {}
-    for truth, found in pairs:
-        for name in filter(None, truth.split(",")):
-            count = missed.setdefault(name, [0, 0])
-            count[0] += name not in found.split(",")
-            count[1] += 1
-    clean = [found for truth, found in pairs if not truth]
-    return Refined(
-        len(pairs), sum(t == f for t, f in pairs), len(clean), sum(bool(f) for f in clean),
-        {name: (a, b) for name, (a, b) in sorted(missed.items())},
-    )  # fmt: skip
