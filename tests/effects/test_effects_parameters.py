@@ -2,20 +2,23 @@
 
 import math
 
-import pytest
+from case_table import case_table
 
 from coaxlink.effects import effects
 
 UNITS = {"1", "s", "m", "N", "N m", "V", "kg", "kg/m3", "kg m2", "m/s", "s/m"}
 OF_A_CELL = {"N or N m", "N/min or N m/min"}  # of whichever load it drifts
-PARAMETERS = [(e, p) for e in effects() for p in e.parameters]
 
 
-@pytest.mark.parametrize(
-    ("effect", "parameter"), PARAMETERS, ids=[f"{e.name}.{p.name}" for e, p in PARAMETERS]
-)
-def test_a_parameter_says_what_it_is_and_where_that_is_from(effect, parameter):
-    p = parameter
+def test_a_parameter_says_what_it_is_and_where_that_is_from():
+    with case_table() as case:
+        for effect in effects():
+            for p in effect.parameters:
+                with case(f"{effect.name}.{p.name}"):
+                    _says_what_it_is(effect, p)
+
+
+def _says_what_it_is(effect, p):
     known = UNITS | OF_A_CELL | {u for t in (effect.flight, effect.stand) if t for u in t.units.values()}
     assert p.unit in known
     assert math.isfinite(p.low) and math.isfinite(p.high) and p.low < p.high
@@ -32,13 +35,15 @@ def test_a_parameter_says_what_it_is_and_where_that_is_from(effect, parameter):
         assert (p.low, p.high, p.unit) == (0.0, 1.0, "1")
 
 
-@pytest.mark.parametrize("effect", effects(), ids=lambda e: e.name)
-def test_what_tracing_gives_and_mixers_need_are_parameters_in_the_same_units(effect):
-    for tracing in (effect.flight, effect.stand):
-        for name, unit in (tracing.units if tracing else {}).items():
-            assert effect.units[name] == unit, name
-    assert set(effect.required) <= set(effect.units)
-    assert len(effect.units) == len(effect.parameters)
-    assert effect.source and effect.words
-    assert effect.static or effect.no_static
-    assert effect.is_live or effect.no_live or effect.surface is not None  # surfaces are in the law
+def test_what_tracing_gives_and_mixers_need_are_parameters_in_the_same_units():
+    with case_table() as case:
+        for effect in effects():
+            with case(effect.name):
+                for tracing in (effect.flight, effect.stand):
+                    for name, unit in (tracing.units if tracing else {}).items():
+                        assert effect.units[name] == unit, name
+                assert set(effect.required) <= set(effect.units)
+                assert len(effect.units) == len(effect.parameters)
+                assert effect.source and effect.words
+                assert effect.static or effect.no_static
+                assert effect.is_live or effect.no_live or effect.surface is not None  # in the law

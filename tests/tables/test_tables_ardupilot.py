@@ -1,4 +1,4 @@
-"""Laws as ArduPilot tables, and tables explained."""
+"""Laws as ArduPilot tables, and tables beside the board's."""
 
 import dataclasses
 from pathlib import Path
@@ -10,9 +10,10 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.ardupilot import ap_factors, report_ap
+from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
 from coaxlink.tables.px4 import report_px4
 from coaxlink.uploading.ardupilot_table import moved_rotors, present_table
-from coaxlink.uploading.explain import explain_ap, explain_px4
+from coaxlink.uploading.beside import beside_ap, beside_px4
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import ApTable, scripts, used_factors
 
@@ -61,12 +62,14 @@ def test_the_files_carry_one_table():
 def test_done_is_demanded_where_the_firmware_can():
     for frame, law in (("x8_paper", "fitted"), ("coax_quad_plus", "reduced"), ("mixed_hexa", "reduced")):
         vehicle = Vehicle(*_load(frame, "rotor_eq15" if law == "reduced" else "rotor_paper"))
-        for explained in (
-            explain_ap(vehicle, report_ap(vehicle, law)),
-            explain_px4(vehicle, report_px4(vehicle, law)),
+        ap, px4 = report_ap(vehicle, law), report_px4(vehicle, law)
+        mix = px4.mix.mix
+        for columns, mixed in (
+            (ap.columns, ap.mix.factors),
+            (px4.table, np.stack([*mix.T[:3], -mix[:, 5]], axis=-1)),
         ):
-            assert max(explained.worst.values()) < 1e-3, (frame, law)
-            assert set(explained.to_json()["gain_scale"]) == {"roll", "pitch", "yaw"}
+            demanded = wanted_mix(columns)
+            assert max(worst_relative(demanded, nearest(mixed, demanded))) < 1e-3, (frame, law)
 
 
 def test_a_gain_is_the_slope_that_the_paper_s_numbers_give():
@@ -77,23 +80,21 @@ def test_a_gain_is_the_slope_that_the_paper_s_numbers_give():
     assert report.behaviour.gain_Nm[0] == pytest.approx(roll, rel=1e-3)
     yaw = 4 * (2.44 * 1.0 + 2.0 * 0.819672)
     assert report.behaviour.gain_Nm[2] == pytest.approx(yaw, rel=1e-3)
-    explained = explain_px4(vehicle, report)
-    assert explained.to_json()["gain_scale"]["roll"] == pytest.approx(
-        explained.reference.gain_Nm[0] / roll, rel=1e-3
-    )
+    held = beside_px4(vehicle, report)
+    scale = held.flown.gain_hint(held.reference)[0]
+    assert scale == pytest.approx(held.reference.gain_Nm[0] / roll, rel=1e-3)
 
 
 def test_against_the_board():
     vehicle = Vehicle(*_load())
     report = report_px4(vehicle, "reduced")
     board = dict(report.params) | {"CA_ROTOR0_CT": 50.0}
-    explained = explain_px4(vehicle, report, board)
-    assert explained.reference_name == "on board"
-    assert explained.changed == (("CA_ROTOR0_CT", 50.0, pytest.approx(46.98)),)
+    held = beside_px4(vehicle, report, board)
+    assert held.against == "on board" and held.reference.ceiling_N != held.flown.ceiling_N
     with pytest.raises(InputError, match="holds no multirotor table"):
-        explain_px4(vehicle, report, {"CA_ROTOR_COUNT": 0})
+        beside_px4(vehicle, report, {"CA_ROTOR_COUNT": 0})
     with pytest.raises(InputError, match="6 rotors"):
-        explain_px4(vehicle, report, board | {"CA_ROTOR_COUNT": 6})
+        beside_px4(vehicle, report, board | {"CA_ROTOR_COUNT": 6})
 
 
 def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters():
@@ -114,11 +115,9 @@ def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters()
         (loader.params | {"CXL_T1": 0.9}, None),
     ):
         assert present_table(params, lambda script=script: script) is None
-    explained = explain_ap(vehicle, matrix, ({"FRAME_CLASS": 4.0, "ATC_RAT_RLL_P": 0.135}, built_in))
-    assert explained.reference_name == "on board" and explained.gains_now == {"ATC_RAT_RLL_P": 0.135}
-    assert explained.changed == (("FRAME_CLASS", 4.0, 15.0),)
+    assert beside_ap(vehicle, matrix, ({"FRAME_CLASS": 4.0}, built_in)).against == "on board"
     with pytest.raises(InputError, match="not known here"):
-        explain_ap(vehicle, matrix, ({"FRAME_CLASS": 3.0}, None))
+        beside_ap(vehicle, matrix, ({"FRAME_CLASS": 3.0}, None))
 
 
 def test_motors_that_a_frame_numbers_in_another_way_are_found():
