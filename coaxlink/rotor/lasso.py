@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 ROUNDED = 1e-12  # of the path's largest coefficient: what rounding leaves of one that has left the path
 PIVOT = 1e-13  # of a term's own square: below it the terms before it give the same column
+SPENT = 1e-9  # of a tolerance squared: no room is left beside least squares
 SCALE = 1e6  # largest correlation handed to LARS, whose steps end 1e-7 above zero
 
 
@@ -118,6 +119,6 @@ def tolerance_form(X: Array, y: Array, eps: float) -> Array:
 
     if eps >= error(at(1.0)):
         return np.zeros(len(c))
-    if eps <= error(at(0.0)):
+    if eps**2 - error(least) ** 2 <= SPENT * eps**2 or error(at(0.0)) >= eps:
         return least
     return at(float(brentq(lambda share: error(at(share)) - eps, 0.0, 1.0, xtol=1e-15)))
