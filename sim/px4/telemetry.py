@@ -221,6 +221,11 @@ def extended_sys_state(a: Autopilot) -> Any:
     return m.MAVLink_extended_sys_state_message(0, state)
 
 
+def mission_current(a: Autopilot) -> Any:
+    """42: there is no mission."""
+    return m.MAVLink_mission_current_message(0, 0xFFFF, 1, 0)
+
+
 def esc_status(a: Autopilot) -> list[Any]:
     """291, four ESCs a message."""
     escs = reported_escs(a)
@@ -278,6 +283,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Any]] = {
     147: battery_status,
     148: autopilot_version,
     230: estimator_status,
+    42: mission_current,
     242: home_position,
     245: extended_sys_state,
     291: esc_status,
