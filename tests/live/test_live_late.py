@@ -111,7 +111,7 @@ def jitters(seconds: float) -> Delay:
 
 
 SHAPES = {"steady": steady, "growing": growing, "in bursts": bursts, "half-way": begins, "jitter": jitters}
-DELAYS_MS = (0, 10, 19, 21, 30, 100, 350, 1000, 2000)
+DELAYS_MS = (0, 10, 21, 100, 2000)
 QUICK: Delay = steady(0.0005)
 # what else is as late as the demands
 LINES: dict[str, Callable[[Delay], tuple[Delay, Delay, Delay]]] = {
