@@ -118,8 +118,6 @@ def _fleet(
     from coaxlink.report.health import verdict_line
     from coaxlink.studies.fleet import find_logs
 
-    if "://" in folder:
-        raise InputError(folder, "", "a folder of this machine is expected: refine reads buckets")
     if plot:
         raise InputError(folder, "", "a picture or a page is of one vehicle: name its logs")
     vehicles: dict[str, list[Path]] = {}

@@ -15,7 +15,6 @@ import datetime
 import io
 import math
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +35,7 @@ _DATE = re.compile(r"(20\d\d)[-_.]?(\d{1,2})[-_.]?(\d{1,2})(?:[T_/ -]+(\d{1,2})[
 
 @dataclass(frozen=True)
 class Log:
-    """One log of a fleet; `address` is a path or a URL."""
+    """One log of a fleet; `address` is its path."""
 
     address: str
     name: str  # under the fleet's folder
@@ -133,7 +132,7 @@ Analyse = Callable[[Path], Sequence[LogFinding]]
 
 
 def find_logs(folder: str) -> list[Log]:
-    """All logs under a folder or a bucket (any URL of fsspec), by vehicle and date.
+    """All logs under a folder, by vehicle and date.
 
     Raises InputError where there are none, or one whose date nobody can tell.
     """
@@ -154,28 +153,8 @@ def find_logs(folder: str) -> list[Log]:
 
 
 def _listed(folder: str) -> list[str]:
-    if "://" not in folder:
-        root = Path(folder)
-        return sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file())
-    fs, root_ = _filesystem(folder)
-    try:
-        found = fs.find(root_)
-    except OSError as error:
-        raise InputError(folder, "", f"cannot be listed ({error})") from error
-    start = root_.strip("/")
-    return sorted(p.strip("/")[len(start) :].strip("/") for p in found)
-
-
-def _filesystem(url: str) -> tuple[Any, str]:
-    try:
-        from fsspec.core import url_to_fs
-    except ImportError as error:
-        raise InputError(url, "", "fsspec is needed for a bucket: pip install 'coaxlink[cluster]'") from error
-    try:
-        fs, path = url_to_fs(url)
-    except (ValueError, ImportError, OSError) as error:
-        raise InputError(url, "", str(error).splitlines()[0]) from error
-    return fs, str(path)
+    root = Path(folder)
+    return sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file())
 
 
 def _vehicle(name: str) -> str:
@@ -199,12 +178,7 @@ def _date(name: str) -> datetime.datetime | None:
 
 def _index(folder: str) -> dict[str, tuple[str, datetime.datetime | None]]:
     address = f"{folder.rstrip('/')}/{INDEX}"
-    if "://" in folder:
-        fs, path = _filesystem(address)
-        text = fs.cat_file(path).decode("utf-8", "replace")
-    else:
-        text = files.read_text(Path(address))
-    rows = csv.DictReader(io.StringIO(text))
+    rows = csv.DictReader(io.StringIO(files.read_text(Path(address))))
     if not {"log", "vehicle", "date"} <= set(rows.fieldnames or ()):
         raise InputError(address, "line 1", "the columns log, vehicle, date are expected")
     listed: dict[str, tuple[str, datetime.datetime | None]] = {}
@@ -224,13 +198,7 @@ def analyse_logs(task: tuple[Analyse, Sequence[Log]], numbers: Sequence[int]) ->
         log = logs[number]
         problem, found = "", tuple[LogFinding, ...]()
         try:
-            with tempfile.TemporaryDirectory() as scratch:
-                path = Path(log.address)
-                if "://" in log.address:
-                    fs, remote = _filesystem(log.address)
-                    path = Path(scratch) / Path(log.name).name
-                    fs.get_file(remote, str(path))
-                found = tuple(analyse(path))
+            found = tuple(analyse(Path(log.address)))
         except CoaxlinkError as error:
             problem = str(error)
         except OSError as error:

@@ -45,7 +45,6 @@ def test_what_a_fleet_cannot_give_is_one_line(tmp_path):
         ((tmp_path / "logs",), "no logs there"),
         ((tmp_path / "logs", tmp_path / "logs"), "a fleet is one folder"),
         ((tmp_path / "logs", "--out", tmp_path / "r.toml"), "a fleet has no one model"),
-        (("nowhere://bucket",), "nowhere"),
     ):
         ended = coaxlink("refine", *arguments)
         assert ended.code == 2 and said in ended.err and "Traceback" not in ended.err, ended

@@ -23,7 +23,7 @@ SAID = [
     ["table", X8, "--firmware", "ardupilot", "--frame-class", "17"],
     ["allocate", X8, "--law", "exact", "--wrench", "196.2,1,1,0.5"],
     ["airframe", X8],
-    ["identify", STAND, "--form", "crm"],
+    ["identify", STAND, "--form", "rcrm", "--max-order", "2"],
     ["refine", STAND, "--rotor", ROTOR],
 ]
 

@@ -1,4 +1,4 @@
-"""A folder or bucket of logs, looked through log by log and reported vehicle by vehicle over time."""
+"""A folder of logs, looked through log by log and reported vehicle by vehicle over time."""
 
 from __future__ import annotations
 
@@ -13,12 +13,8 @@ if TYPE_CHECKING:
 
 
 def folder_of(logs: Path) -> str | None:
-    """The folder or bucket that an argument means; None for a file. `s3://bucket` loses a slash as a Path."""
-    text = str(logs)
-    scheme, colon, rest = text.partition(":/")
-    if colon and len(scheme) > 1 and not logs.exists():
-        return f"{scheme}://{rest.lstrip('/')}" if scheme != "file" else f"file:///{rest.lstrip('/')}"
-    return text if logs.is_dir() else None
+    """The folder that an argument means; None for a file."""
+    return str(logs) if logs.is_dir() else None
 
 
 def tell_fleet(
