@@ -32,7 +32,6 @@ from sim.truth import Truth
 
 STEPS = 1000 // RATE_HZ
 LIVE_TIMEOUT_S = 0.1
-DOING = {Mode.HOLD: "holding position", Mode.LAND: "landing", Mode.RTL: "returning"}
 CHARGED = 0.95
 STAND_IN_UID = int.from_bytes(b"coaxlink", "big") << 32 | 0x2001
 

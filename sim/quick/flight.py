@@ -18,7 +18,7 @@ from sim.effects import FORMS, HiddenEffect
 from sim.errors import WorldError
 from sim.flight_log import columns
 from sim.physics.pair import Pair
-from sim.physics.plant import FOOT_Z_M, GRAVITY, STEP_S, Plant
+from sim.physics.plant import FOOT_Z_M, STEP_S, Plant
 from sim.physics.sensing import R_SPEEDS
 from sim.physics.sensors import Sensors
 from sim.physics.wind import rise
@@ -291,9 +291,3 @@ def shape_error(demands: Array, delivered: Array) -> Array:
     square = (demands * demands).sum(axis=0)
     gain = (demands * delivered).sum(axis=0) / np.where(square > 0.0, square, 1.0)
     return np.asarray(np.sqrt(np.mean((delivered - gain * demands) ** 2, axis=0)))
-
-
-def hover_share(vehicle: SimVehicle, pair: Pair) -> float:
-    """Weight over the thrust of all rotors at full speed: above 1 nothing flies it."""
-    full = steady(Plant(vehicle, pair), np.ones((1, vehicle.rotors)))[0, 0]
-    return float(vehicle.mass_kg * GRAVITY / full)
