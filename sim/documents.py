@@ -38,11 +38,15 @@ def read_number(path: Path, where: str, value: object) -> float:
 
 
 def write_atomic(path: Path, text: str) -> None:
-    """Replace `path` by `text` in one step. Raises WorldError."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    """Replace the regular file `path`, or what it links to, by `text` in one step. Raises WorldError."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        problem = "no regular file is there; only a file is written: name a new or a regular one"
+        raise WorldError(path, "", problem)
+    draft = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
+        draft.replace(target)
     except OSError as error:
         draft.unlink(missing_ok=True)
         raise WorldError(path, "", f"cannot be written ({error.strerror})") from error

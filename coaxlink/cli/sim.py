@@ -83,6 +83,10 @@ def sim(
         raise InputError("--hidden-seed", "", "not with --truth")
     if vehicles != 1 and (bridge or flight or stand is not None):
         raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
+    if flight and not firmware.startswith("px4"):
+        raise InputError("--fly", "", "flies PX4's stand-in alone; others: --listen, and coaxlink fly")
+    if memory is not None:
+        files.refuse_unwritable(memory)
     if memory and vehicles != 1:
         raise InputError("--memory", "", "not with --vehicles")
     if (log or tlog) and (bridge or vehicles != 1):

@@ -25,6 +25,7 @@ READY_S = 15.0  # how long a vehicle that has just started may take until its ow
 SILENCE_S = 15.0  # without a position before the link counts as lost; a busy machine may stall
 REACHED = 0.9  # of the height of a take-off
 _LEAD = 15  # set-points before PX4 lets its mode change
+_ASKED = 5  # times, as a busy machine or radio may hold up set-points for longer than COM_OF_LOSS_T
 _CHECKS = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 # a position of the vehicle (LOCAL_POSITION_NED), what it is doing, for how many seconds, and its set-point
@@ -157,9 +158,7 @@ class Commander:
         """
         rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
         if not self._ardupilot:
-            for _ in range(_LEAD):
-                self._send(self._heard("LOCAL_POSITION_NED").time_boot_ms, plan.at(0.0)[1], start)
-            self._mode(PX4_OFFBOARD)
+            self._offboard(plan.at(0.0)[1], start)
         doing = f"the plan of {plan.duration_s:.0f} s"
         for t, position, newest in self._positions(doing, AP_GUIDED, PX4_OFFBOARD):
             if t > plan.duration_s:
@@ -230,6 +229,18 @@ class Commander:
             said = self.session.latest("STATUSTEXT")
             words = f"; it says: {said.text}" if said is not None else ""
             raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
+
+    def _offboard(self, setpoint: Setpoint, start: Start) -> None:
+        """PX4 changes its mode while set-points come; where they came late it is asked again."""
+        for left in reversed(range(_ASKED)):
+            for _ in range(_LEAD):
+                self._send(self._heard("LOCAL_POSITION_NED").time_boot_ms, setpoint, start)
+            try:
+                self._mode(PX4_OFFBOARD)
+                return
+            except SafetyRefusal:
+                if not left:
+                    raise
 
     def _mode(self, main: int, sub: int = 0) -> None:
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

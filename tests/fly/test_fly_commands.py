@@ -8,6 +8,7 @@ from memory_net import Line, Net, Standin, meet, plugged
 from pymavlink.dialects.v20 import common as m
 from verb import run
 
+from coaxlink.errors import SafetyRefusal
 from coaxlink.fly.commands import Commander, ModeWatch, PlanAbandoned, Start
 from coaxlink.fly.trajectory import FlightPlan, Hold
 from coaxlink.mavlink import connect
@@ -86,6 +87,22 @@ def test_a_vehicle_that_leaves_the_mode_ends_the_plan(px4):
         link, _ = take_over(px4, offboard)
         with link, pytest.raises(PlanAbandoned, match="left the plan of 4 s"):
             commander.follow(PLAN)
+
+
+@pytest.mark.slow
+def test_a_mode_that_set_points_came_too_late_for_is_asked_for_again(px4):
+    with meet(px4) as session:
+        commander = Commander(session)
+        commander.arm()
+        commander.take_off(3.0)
+        mode = commander._mode
+
+        def refused_once(main, sub=0):
+            commander._mode = mode
+            raise SafetyRefusal("mode change: the autopilot refused")
+
+        commander._mode = refused_once
+        assert len(commander.follow(PLAN).time_s) > 40
 
 
 def test_one_heartbeat_of_another_mode_ends_it_but_not_one_that_was_under_way():

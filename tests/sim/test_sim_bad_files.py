@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
+from sim.documents import write_atomic
 from sim.errors import WorldError
 from sim.line.wire import parse_faults
 from sim.manoeuvres import read_plan
@@ -85,3 +87,15 @@ def test_a_bad_fault_of_the_wire_is_one_clear_line() -> None:
     for text in ("loss", "loss=2", "noise=1", "dead=3", "delay=-1"):
         with pytest.raises(WorldError, match=r"^[^\n]*expected[^\n]*$"):
             parse_faults(text)
+
+
+def test_only_a_regular_file_is_replaced(tmp_path: Path) -> None:
+    pipe, file, link = tmp_path / "pipe", tmp_path / "file", tmp_path / "link"
+    os.mkfifo(pipe)
+    file.write_text("before")
+    link.symlink_to(file)
+    for place in (pipe, Path("/dev/full")):
+        with pytest.raises(WorldError, match="only a file is written"):
+            write_atomic(place, "now")
+    write_atomic(link, "now")
+    assert file.read_text() == "now" and link.is_symlink() and pipe.is_fifo()
