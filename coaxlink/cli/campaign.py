@@ -67,6 +67,8 @@ def _fly(spec: Spec, folder: Path, machine: Machine) -> None:
     decides = {"campaign": spec.name, "digest": spec.digest, "seed": spec.seed, "code": payload.code}
     size = len(spec.laws) * DRAWS
     with Dataset(folder, columns(spec), spec.cells, decides) as dataset:
+        for aside in dataset.put_aside:
+            say(f"not the rows that were written, their cells are flown again: {aside}")
         if dataset.done:
             say(f"{dataset.done} of {spec.cells} are there already")
         try:

@@ -8,6 +8,7 @@ number. A worker that dies loses its task, which is given out again.
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -111,6 +112,8 @@ def _pool(machine: Machine) -> Iterator[_Pool]:
         import distributed
     except ImportError as error:
         raise InputError("`scheduler`", "", "Dask is needed: pip install 'coaxlink[cluster]'") from error
+    for name in ("distributed", "distributed.client"):  # they log tracebacks of what is said here in a line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(machine.scheduler, timeout=CONNECT_S)
     except (OSError, ValueError) as error:

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 from engine_work import COLUMNS, work
 
 from coaxlink import files
@@ -69,25 +70,54 @@ def test_a_stopped_campaign_is_readable_and_knows_what_is_missing(tmp_path):
 def test_parts_that_a_kill_left_beside_the_sorted_file_are_not_counted_twice(tmp_path):
     here(tmp_path, upto=20)
     part = next((tmp_path / "rows").glob("part-*"))
-    content = part.read_bytes()
+    content, listed = part.read_bytes(), written(tmp_path)
     here(tmp_path)
     finished = written(tmp_path)
     part.write_bytes(content)  # as if killed between the two
+    manifest = files.read_json(tmp_path / "manifest.json")
+    files.write_json(tmp_path / "manifest.json", {**manifest, "rows": finished | listed, "finished": False})
     assert columns_of(tmp_path)["cell"].tolist() == list(range(CELLS))
     here(tmp_path)
     assert written(tmp_path) == finished
 
 
-def test_another_campaigns_folder_and_a_broken_file_are_refused_in_one_line(tmp_path):
+def test_another_campaigns_folder_is_refused_in_one_line(tmp_path):
     here(tmp_path, upto=20)
     with pytest.raises(InputError, match="digest: the folder holds another"), dataset(tmp_path, "y"):
-        pass
-    next((tmp_path / "rows").glob("part-*")).write_bytes(b"PAR1 and nothing")
-    with pytest.raises(InputError, match="is no Parquet file"), dataset(tmp_path):
         pass
     (tmp_path / "manifest.json").unlink()
     with pytest.raises(InputError, match="rows without a manifest"), dataset(tmp_path):
         pass
+
+
+def test_rows_that_are_not_what_was_written_are_run_again_and_never_vouched_for(tmp_path):
+    import pyarrow.parquet as pq
+
+    def altered(path):
+        pq.write_table(pq.read_table(path).slice(0, 54), path)
+
+    spoils = {
+        "cut": lambda path: path.write_bytes(path.read_bytes()[:400]),
+        "rows dropped": altered,
+        "gone": Path.unlink,
+        "one byte": lambda path: path.write_bytes(path.read_bytes()[:-9] + b"x" + path.read_bytes()[-8:]),
+    }
+    with case_table() as case:
+        for upto in (20, CELLS):
+            for name, spoil in spoils.items():
+                with case(f"{name}, {upto} of {CELLS}"):
+                    folder = tmp_path / name / str(upto)
+                    here(folder)
+                    finished = written(folder)
+                    again = folder / "again"
+                    here(again, upto=upto)
+                    spoil(next((again / "rows").glob("*.parquet")))
+                    with dataset(again) as rows:
+                        assert rows.missing() and len(rows.put_aside) == (name != "gone")
+                        assert all(p.suffix == ".not-ours" and p.exists() for p in rows.put_aside)
+                    here(again)
+                    assert written(again)["cells.parquet"] == finished["cells.parquet"]
+                    assert files.read_json(again / "manifest.json")["rows"] == finished
 
 
 @pytest.mark.slow

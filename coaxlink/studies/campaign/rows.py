@@ -2,13 +2,15 @@
 
 Rows are written every few seconds, in parts in the order of their coming. When all cells are there the parts
 become one file sorted by cell: a finished campaign holds the same bytes whoever flew it, in whatever order.
-FOLDER/manifest.json holds what decides the rows (the campaign's hash, versions, seeds) and, at the end, the
-file's SHA-256.
+FOLDER/manifest.json holds what decides the rows (the campaign's hash, versions, seeds) and the SHA-256 of
+every file of rows, written before the file is. A file that is not what was written is put aside as
+NAME.not-ours, and its cells are flown again; nothing is hashed a second time.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
 import json
 import platform
@@ -54,6 +56,8 @@ class Dataset:
         self.rows = folder / "rows"
         self._decides = {**decides, "columns": self.columns, "cells": cells, "versions": versions()}
         self._have: set[int] = set()
+        self._hashes: dict[str, str] = {}  # of files of rows, by name
+        self.put_aside: list[Path] = []  # files of rows that were not what was written
         self._fresh: list[Row] = []
         self._flushed = time.monotonic()
 
@@ -72,8 +76,7 @@ class Dataset:
                 except OSError as error:
                     raise InputError(self.folder, "", "another campaign is writing there now") from error
             self._refuse_another()
-            if any(self.rows.glob("*.parquet")):
-                self._have = set(read_rows(self.folder, ["cell"])["cell"].to_pylist())
+            self._have = self._vouched_for()
         except BaseException:
             self._lock.close()
             raise
@@ -108,10 +111,42 @@ class Dataset:
         self._flushed = time.monotonic()
         if self._fresh:
             schema = pa.schema([(name, kind) for name, kind in self.columns.items()])
-            numbers = [int(path.stem.partition("-")[2]) for path in self.rows.glob("part-*.parquet")]
-            path = self.rows / f"part-{max(numbers, default=-1) + 1:06d}.parquet"
-            _write(path, pa.Table.from_pylist(self._fresh, schema))
+            numbers = [int(name[5:11]) for name in self._hashes if name.startswith("part-")]
+            self._write(
+                f"part-{max(numbers, default=-1) + 1:06d}.parquet", pa.Table.from_pylist(self._fresh, schema)
+            )
             self._fresh = []
+
+    def _write(self, name: str, table: pa.Table) -> None:
+        """A file of rows, its hash first: a kill leaves a hash without a file, never a file without."""
+        import pyarrow.parquet as pq
+
+        stream = io.BytesIO()
+        pq.write_table(table, stream, compression="zstd")
+        self._hashes[name] = hashlib.sha256(stream.getvalue()).hexdigest()
+        self._write_manifest(finished=False)
+        files.write_atomic(self.rows / name, stream.getvalue())
+
+    def _write_manifest(self, *, finished: bool) -> None:
+        value = {**self._decides, "finished": finished, "rows": self._hashes}
+        files.write_json(self.folder / MANIFEST, value)
+
+    def _vouched_for(self) -> set[int]:
+        """Cells in files that are what was written; the others are put aside."""
+        cells: set[int] = set()
+        for path in sorted(self.rows.glob("*.parquet")):
+            if files.sha256(path) == self._hashes.get(path.name):
+                (table,) = _read([path], None)
+                found = set(table["cell"].to_pylist())
+                kinds = {field.name: str(field.type) for field in table.schema}
+                if kinds == _arrow_names(self.columns) and found <= set(range(self.cells)):
+                    cells |= found
+                    continue
+            aside = path.with_name(f"{path.name}.not-ours")
+            path.replace(aside)
+            self.put_aside.append(aside)
+        self._hashes = {name: h for name, h in self._hashes.items() if (self.rows / name).exists()}
+        return cells
 
     def _refuse_another(self) -> None:
         """Raise InputError where what is there is of another campaign; say whose it is where nothing is."""
@@ -124,20 +159,22 @@ class Dataset:
                         "the folder holds another campaign, or rows of another version: name another `out`"
                     )
                     raise InputError(path, key, problem)
+            hashes = found.get("rows")
+            self._hashes = hashes if isinstance(hashes, dict) else {}
         elif any(self.rows.iterdir()):
             raise InputError(self.rows, "", "rows without a manifest: name another `out`")
         else:
-            files.write_json(path, {**self._decides, "finished": False})
+            self._write_manifest(finished=False)
 
     def _finish(self) -> None:
         """All parts as one sorted file; a kill in between leaves rows twice, which `read_rows` drops."""
         parts = list(self.rows.glob("part-*.parquet"))
         if parts:
-            _write(self.rows / SORTED, read_rows(self.folder))
+            self._write(SORTED, read_rows(self.folder))
             for part in parts:
                 part.unlink()
-        hashes = {SORTED: files.sha256(self.rows / SORTED)}
-        files.write_json(self.folder / MANIFEST, {**self._decides, "finished": True, "rows": hashes})
+        self._hashes = {SORTED: self._hashes[SORTED]}
+        self._write_manifest(finished=True)
 
 
 def versions() -> dict[str, str]:
@@ -187,9 +224,7 @@ def _read(paths: Sequence[Path], names: Sequence[str] | None) -> Iterator[pa.Tab
             raise InputError(path, "", problem) from error
 
 
-def _write(path: Path, table: pa.Table) -> None:
-    import pyarrow.parquet as pq
+def _arrow_names(columns: Mapping[str, str]) -> dict[str, str]:
+    import pyarrow as pa
 
-    stream = io.BytesIO()
-    pq.write_table(table, stream, compression="zstd")
-    files.write_atomic(path, stream.getvalue())
+    return {field.name: str(field.type) for field in pa.schema(list(columns.items()))}
