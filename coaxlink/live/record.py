@@ -1,39 +1,23 @@
 """What the live loop did, a fixed record a demand, on disk within a quarter of a second.
 
 Whole records go to the kernel in one write, so that a killed process loses the last FLUSH_S at most and
-leaves a file that reads to its end (a cut last record is dropped). File: the line `coaxlink live 1`, a line
-of JSON (law, airframe, number of rotors), then records, little-endian: stamp of the demand (us, vehicle's
-clock), time (s, monotonic), demand (4: roll, pitch, yaw, thrust), commands (8), allocation error (4: N,
-N m), latency (s), state (index into live_guard.STATES).
+leaves a file that reads to its end. What it holds stands with its reader, `data.logs.live_record`.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from coaxlink import files
+from coaxlink.data.logs.live_record import MAGIC, RECORD
 from coaxlink.errors import InputError
 from coaxlink.live.guard import STATES
-from firmware_params import bounded
 
-MAGIC = b"coaxlink live 1\n"
-RECORD = struct.Struct("<Qd4f8f4ffB")
 FLUSH_S = 0.25
 MOST_WAITING = 1024  # records; more are written at once, whatever the clock says
-_TYPE = np.dtype(
-    [
-        ("stamp_us", "<u8"), ("time_s", "<f8"), ("demand", "<f4", 4), ("commands", "<f4", 8),
-        ("error", "<f4", 4), ("latency_s", "<f4"), ("state", "u1"),
-    ]
-)  # fmt: skip
 
 
 class LiveRecord:
@@ -86,18 +70,3 @@ class LiveRecord:
         """Flush and close."""
         self.flush()
         os.close(self._file)
-
-
-def read_record(path: Path) -> tuple[dict[str, Any], NDArray[Any]]:
-    """(header, structured array of the records). Raises InputError when it is no such file."""
-    data = files.read_bytes(path, bounded.LOG)
-    end = data.find(b"\n", len(MAGIC))
-    if not data.startswith(MAGIC) or end < 0:
-        raise InputError(path, "", "not a live record (`record`)")
-    body = data[end + 1 :]
-    length = len(body) // RECORD.size * RECORD.size
-    with files.reading(path):
-        about = bounded.parse_json(data[len(MAGIC) : end].decode("utf-8", "replace"))
-    if not isinstance(about, dict):
-        raise InputError(path, "line 2", "a JSON object is expected")
-    return about, np.frombuffer(body[:length], _TYPE)

@@ -43,7 +43,7 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from coaxlink.cli.shared.board_source import layout_of_file
     from coaxlink.cli.shared.effects import vehicle_of
     from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
-    from coaxlink.live.record import read_record
+    from coaxlink.data.logs.live_record import read_record
     from coaxlink.mavlink.signing import Signer, load_key
     from coaxlink.rotor import load_rotor_model, save_rotor_model
     from coaxlink.tables.px4 import report_px4

@@ -23,7 +23,7 @@ import pytest
 from live_flight import EXAMPLES, HEIGHT_M, TICK_S
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.live.record import read_record
+from coaxlink.data.logs.live_record import read_record
 from sim.world import World, build, open_links
 
 AIRFRAME = EXAMPLES / "x8_demo.toml"

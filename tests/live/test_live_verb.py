@@ -15,9 +15,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.cli import build_app
 from coaxlink.cli.mix import _line, _lost
 from coaxlink.cli.shared.shell import run
+from coaxlink.data.logs.live_record import MAGIC, RECORD, read_record
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.live.motor_test import mount, turn_motors
-from coaxlink.live.record import MAGIC, RECORD, LiveRecord, read_record
+from coaxlink.live.record import LiveRecord
 from coaxlink.mavlink.opening import connect
 
 AIRFRAME = str(EXAMPLES / "x8_demo.toml")

@@ -38,13 +38,14 @@ _PRINTOUT = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+: \w+ {")
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
 _MAVLINK = (0xFD, 0xFE)
-_NAMES = {"ulog": "ULog", "dataflash": "DataFlash", "tlog": "tlog"}
-_SUFFIXES = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog"}
+_LIVE = b"coaxlink live 1"
+_NAMES = {"ulog": "ULog", "dataflash": "DataFlash", "tlog": "tlog", "live": "mix.live"}
+_SUFFIXES = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog", ".live": "live"}
 _DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError)
 
 
 def read_flight_log(path: Path) -> Samples:
-    """ULog, DataFlash, tlog or CSV, recognised by content, as the contract's flight columns on one time base.
+    """ULog, DataFlash, tlog, mix.live or CSV, by content, as the contract's flight columns on one time base.
 
     Columns: time_s, motor1..N (0..1, after the thrust curve), accel_* (specific force, m/s^2), gyro_*,
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
@@ -65,6 +66,10 @@ def read_flight_log(path: Path) -> Samples:
             from coaxlink.data.logs.tlog import read_tlog
 
             return read_tlog(path)
+        if kind == "live":
+            from coaxlink.data.logs.live_record import read_live
+
+            return read_live(path)
     except _DAMAGE as error:  # formats describe their own fields: a damaged one promises what is not there
         raise InputError(path, "", f"not a readable {_NAMES[kind]} log ({one_line(error)})") from error
     return read_flight_csv(path)
@@ -79,7 +84,7 @@ def is_flight_log(path: Path) -> bool:
 
 
 def log_kind(path: Path) -> str:
-    """ulog, dataflash, tlog or text, by its first bytes. Raises InputError."""
+    """ulog, dataflash, tlog, live or text, by its first bytes. Raises InputError."""
     with files.reading(path):
         bounded.check_regular(path)
         with path.open("rb") as stream:
@@ -88,6 +93,8 @@ def log_kind(path: Path) -> str:
         return "ulog"
     if head.startswith(_DATAFLASH) or DATAFLASH_AS_TEXT.search(head):
         return "dataflash"
+    if head.startswith(_LIVE):
+        return "live"
     if _PRINTOUT.match(head):
         raise InputError(path, "", "a printout of mavlogdump: the .bin or .tlog it was made of is expected")
     # the stamp, us since 1970, begins with a zero byte for 2000 years to come; no text does

@@ -85,8 +85,8 @@ def _frame_size(data: bytes, at: int) -> int:
     return 8 + data[at + 1] if data[at] == 0xFE and at + 2 <= len(data) else 0
 
 
-def read_tlog(path: Path) -> Samples:
-    """A recorded link as flight columns. Raises InputError."""
+def read_tlog(path: Path, motors: TimeSeries | None = None) -> Samples:
+    """A recorded link as flight columns, with other commands where `motors` has them. Raises InputError."""
     messages, parameters, garbled, damaged = _messages(path)
     shown = ", ".join(f"{name} {len(messages[name]['time_s'])}" for name in NAMES if name in messages)
     notes = [f"tlog: {shown}"]
@@ -96,7 +96,7 @@ def read_tlog(path: Path) -> Samples:
     maps = (
         ([m] if (m := ardupilot_map(parameters)) else []) if _is_ardupilot(messages) else px4_maps(parameters)
     )
-    motors = _motors(messages, parameters, notes, premises)
+    motors = motors or _motors(messages, parameters, notes, premises)
     measured = [
         _imu(messages),
         _attitude(messages),
