@@ -105,7 +105,7 @@ def mix(
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
         problem = None
         try:
-            with live, HealthWatch(live, lambda call: say(call.text)) as health:
+            with live, HealthWatch(live, say) as health:
                 try:
                     problem = _watch(live, seconds, lost)
                 except KeyboardInterrupt:

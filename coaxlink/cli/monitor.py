@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from coaxlink.monitor.incoming.recording import Player
     from coaxlink.monitor.state.moment import Moment
     from coaxlink.monitor.state.watch import Watch
+    from coaxlink.premises.answer import Reason
     from coaxlink.vehicle import Vehicle
 
 _SERVED = "TEXTUAL_DRIVER" in os.environ  # by textual-serve, to a browser
@@ -66,13 +67,17 @@ def monitor(
     from coaxlink.monitor.incoming.link import check_address
     from coaxlink.monitor.state.watch import Watch
 
+    if replay is not None and airframe is None:
+        from coaxlink.errors import InputError
+
+        raise InputError(replay, "", "--airframe is needed: a recording does not say whose flight it is")
     vehicle = _vehicle(airframe, rotor)
     player = None if replay is None else _player(replay, speed, start)
     if player is None:
         check_address(connect)
         watch = Watch(Heard(), vehicle, connect)
     else:
-        watch = Watch(player.heard, vehicle, str(replay))
+        watch = Watch(player.heard, vehicle, str(replay), _against(player, vehicle))
     if once or json is not None:
         if player is None:
             _show(_look_once(watch, seconds), json)
@@ -80,6 +85,9 @@ def monitor(
             from coaxlink.monitor.screen.words import replay_words
 
             player.playing, player.speed = False, 1.0
+            end = player.position_s
+            player.seek(0.0)  # now that somebody listens: rotors are judged by all of it
+            player.play_to(end)
             _show(watch.look(), json, replay_words(player))
         return
     if web:
@@ -116,6 +124,15 @@ def _player(path: Path, speed: float, start_s: float) -> Player:
     from coaxlink.monitor.incoming.recording import Player, load_recording
 
     return Player(load_recording(path), speed=speed, start_s=start_s)
+
+
+def _against(player: Player, vehicle: Vehicle) -> tuple[Reason, ...]:
+    """What speaks against any verdict by this recording."""
+    from coaxlink.premises import damage
+    from coaxlink.residual.refine import vehicle_differs
+
+    samples = player.recording.samples
+    return () if samples is None else (*vehicle_differs([samples], vehicle.declared), *damage([samples]))
 
 
 def _vehicle(airframe_path: Path | None, rotor_path: Path | None) -> Vehicle:
@@ -187,8 +204,11 @@ def _look_once(watch: Watch, seconds: float) -> Moment:
 
 def _show(moment: Moment, json: Path | None, replay: Text | None = None) -> None:
     from coaxlink import files
+    from coaxlink.errors import CheckFailed
     from coaxlink.monitor.screen.words import summary
 
     if json is not None:
         files.write_json(json, moment.to_json())
     console().print(summary(moment, replay))
+    if moment.health.reasons:
+        raise CheckFailed(moment.health.why)

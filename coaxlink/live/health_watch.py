@@ -17,7 +17,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CoaxlinkError
 from coaxlink.live.guard import LIVE
-from coaxlink.live.in_air import Call, InAir
+from coaxlink.live.in_air import InAir, short
+from coaxlink.premises.answer import as_json
 
 if TYPE_CHECKING:
     from coaxlink.live.mixer import LiveMixer
@@ -33,10 +34,11 @@ ASK_AFTER_S = 2.0  # streams that come by themselves have come by then
 
 
 class HealthWatch:
-    """Around a mixer's flight; `on_call` is called there with every call and once its size is settled."""
+    """Around a mixer's flight; `say` gets every call, again once its size is settled, or why none."""
 
-    def __init__(self, live: LiveMixer, on_call: Callable[[Call], None]) -> None:
-        self._live, self._on_call = live, on_call
+    def __init__(self, live: LiveMixer, say: Callable[[str], None]) -> None:
+        self._live, self._say = live, say
+        self._reasons: set[str] = set()  # that were said
         self.in_air = InAir(live.core.vehicle)
         self.problem = ""  # why it watches no longer
         self._queue: deque[tuple[Any, int, tuple[float, ...]]] = deque(maxlen=WAITING)
@@ -85,7 +87,11 @@ class HealthWatch:
             self.in_air.commanded(stamp_us * 1e-6, commands)
         call = self.in_air.heard(message)
         if call is not None:
-            self.tell(call)
+            self.tell(call.text, mavlink.MAV_SEVERITY_CRITICAL, call.text)
+        for reason in self.in_air.reasons:
+            if short(reason) not in self._reasons:
+                self._reasons.add(short(reason))
+                self.tell(short(reason), mavlink.MAV_SEVERITY_WARNING, reason.line())
 
     def _ask(self) -> None:
         """For rates where none come by themselves (an ArduPilot sends nothing unasked)."""
@@ -103,11 +109,10 @@ class HealthWatch:
                 except CoaxlinkError:
                     return
 
-    def tell(self, call: Call) -> None:
-        """STATUSTEXT to the vehicle, for its log and those it forwards to."""
-        text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, call.text.encode()[:50])
-        self._live.session.send(text)
-        self._on_call(call)
+    def tell(self, text: str, severity: int, words: str) -> None:
+        """STATUSTEXT to the vehicle, for its log and those it forwards to; `words` to whoever flies it."""
+        self._live.session.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+        self._say(words)
 
     def account(self) -> dict[str, Any]:
         """For the JSON of `coaxlink mix`."""
@@ -116,4 +121,5 @@ class HealthWatch:
             "word": now.word or None,
             "why": self.problem or now.why,
             "calls": [call.to_json() for call in now.calls],
+            **as_json(now.reasons),
         }

@@ -3,8 +3,8 @@
 Rates and acceleration come as HIGHRES_IMU, else as ATTITUDE or ATTITUDE_QUATERNION with the newest of RAW_IMU
 and SCALED_IMU; commands from whoever knows them, stamped with the vehicle's clock. Judged is flight only:
 armed and in the air by the vehicle's own word (EXTENDED_SYS_STATE); on the ground, where legs push too, all
-but the calls is forgotten. A call is never taken back; after REFINED_S, when its size is settled, the test
-goes on with that loss in the model and looks for the next one.
+but calls, and reasons against any, is forgotten. A call is never taken back; after REFINED_S, when its size
+is settled, the test goes on with that loss in the model. What hangs on a guess is no call (`weighed`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.health.priors import TORQUE_WITH_THRUST
-from coaxlink.health.sequential import HOURS, SequentialTest, Suspicion, Verdict
-from coaxlink.health.stream import Stream
+from coaxlink.health.sequential import HOURS, Suspicion, Verdict
+from coaxlink.live.weighed import Weighed
+from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason
 from coaxlink.vehicle import Vehicle
 
 REFINED_S = 1.0  # from a call until its size is taken over: the first blocks hold a part of the loss
@@ -57,17 +58,18 @@ class Call:
 class RotorsInAir:
     """What is believed now."""
 
-    word: str  # sound, watch, called, "" while nothing can be said
-    why: str  # there is no word
+    word: str  # sound, watch, called, cannot judge, not this vehicle; "" while nothing can be said
+    why: str  # there is no verdict
     suspicions: tuple[Suspicion, ...] = ()
     calls: tuple[Call, ...] = ()
+    reasons: tuple[Reason, ...] = ()  # why there is none and will be none
 
     @property
     def worst(self) -> float | None:
         """Probability that the most suspected rotor lost thrust; None while nothing can be said."""
         if self.calls:
             return max(c.probability for c in self.calls)
-        if not self.word:
+        if not self.word or self.reasons:
             return None
         return self.suspicions[0].probability if self.suspicions else 0.0
 
@@ -78,8 +80,23 @@ class RotorsInAir:
         watched = self.word == "watch" and self.suspicions and self.suspicions[0].rotor == rotor
         return "?" if watched else ""
 
+    def on(self, reasons: Sequence[Reason]) -> RotorsInAir:
+        """What is left of it where there is a reason against any verdict."""
+        if not reasons:
+            return self
+        other = any(isinstance(r, OtherVehicle) for r in reasons)
+        word = NOT_THIS_VEHICLE if other else "called" if self.calls else CANNOT_JUDGE
+        return replace(self, word=word, why=reasons[0].line(), reasons=tuple(reasons))
+
 
 NOTHING_HEARD = RotorsInAir("", NEEDS)
+
+
+def short(reason: Reason) -> str:
+    """A reason in at most 50 bytes, for STATUSTEXT."""
+    if isinstance(reason, NotJudged):
+        return f"rotors: {CANNOT_JUDGE}, measure {reason.premise}"
+    return f"rotors: {NOT_THIS_VEHICLE} ({reason.check})"
 
 
 class InAir:
@@ -90,6 +107,7 @@ class InAir:
         self.calls: tuple[Call, ...] = ()
         self._armed = self._flying = False
         self._settling: Call | None = None
+        self._weighed = Weighed(vehicle, hours)
         self._begin(vehicle)
         self._time_s = 0.0  # of the newest rates
         self._imu_s = -RIVAL_S
@@ -99,6 +117,10 @@ class InAir:
     @property
     def now(self) -> RotorsInAir:
         """As of the last block."""
+        return self._believed.on(self.reasons)
+
+    @property
+    def _believed(self) -> RotorsInAir:
         if not self._flying:
             return RotorsInAir("", "judged in the air only", (), self.calls)
         if self._verdict is None:
@@ -107,6 +129,11 @@ class InAir:
             return RotorsInAir("", "not enough flown", (), self.calls)
         word = "called" if self.calls else self._verdict.word
         return RotorsInAir(word, "", self._verdict.suspicions, self.calls)
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why nothing can be said; of the last flight, until another one says otherwise."""
+        return (*self._weighed.differs, *self._weighed.doubts.values())
 
     def heard(self, message: Any) -> Call | None:
         """A message of the autopilot; a call that it brought, and the same again once its size is settled."""
@@ -136,7 +163,7 @@ class InAir:
         time_s += turns * WRAP_S
         known = [u for u in commands if u is not None]
         if self._flying and len(known) == len(commands) and abs(time_s - self._time_s) < APART_S:
-            self._stream.command(time_s, known)
+            self._weighed.command(time_s, known)
 
     def _fly(self, armed: bool, flying: bool) -> None:
         if self._armed and self._flying and not (armed and flying):
@@ -146,7 +173,7 @@ class InAir:
 
     def _begin(self, vehicle: Vehicle) -> None:
         self._made_for = vehicle
-        self._stream, self._test = Stream(vehicle), SequentialTest(vehicle, self._hours)
+        self._weighed = Weighed(vehicle, self._hours, self._weighed)
         self._verdict: Verdict | None = None
 
     def _read(self, time_s: float, rates: Sequence[float], accel_z: float) -> Call | None:
@@ -154,17 +181,16 @@ class InAir:
         if not self._flying:
             return None
         new = None
-        for block in self._stream.reading(time_s, rates, accel_z):
-            self._verdict = self._test.step(block)
-            new = self._judged(self._verdict) or new
+        for verdict, agreed in self._weighed.reading(time_s, rates, accel_z):
+            self._verdict = verdict
+            new = self._judged(verdict, agreed) or new
         return new
 
-    def _judged(self, verdict: Verdict) -> Call | None:
+    def _judged(self, verdict: Verdict, s: Suspicion | None) -> Call | None:
         settling = self._settling
         if settling is None:
-            if verdict.called is None:
+            if s is None:
                 return None
-            s = verdict.called
             call = Call(s.rotor, verdict.time_s, s.probability, s.loss, s.loss_sd, s.slower)
             self._settling, self.calls = call, (*self.calls, call)
             return call

@@ -7,6 +7,7 @@ and the geometry say; no fault of one rotor puts them off by as much as asked fo
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -19,6 +20,7 @@ from coaxlink.frames import Array, FlightFrame
 from coaxlink.premises.answer import OtherVehicle
 from coaxlink.premises.magnets import miscounted
 from coaxlink.premises.moves import UNKNOWN
+from coaxlink.rotor import RotorModel
 from coaxlink.signals import low_pass
 
 # of the weight: an empty pack takes 10 % off what a command lifts, a payload that is none is less
@@ -33,10 +35,35 @@ WORKS = 0.05  # of full command: a motor turns
 SPEEDS = 0.15  # of rpm over the common curve: specimens and packs differ by less
 MAGNETS = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
 FEWEST = 10  # rows with a speed: ten seconds of ESCs that report once a second
+# attitude loops answer above 0.5 Hz (PX4 and ArduPilot: 4 to 7 rad/s a radian of error); what is slower, or
+# changes once, is a gust or a rotor that begins to lose thrust, and moments balance it without a turn
+QUICK_S = 2.0
 CURVE = (0.5, 1.0)  # power of rpm over command: thrust goes with it, or speed
 # judgement: what another order of the motors must leave, of what the logged order leaves, axes together. An
 # exchange of two leaves about a hundredth; a weak rotor is made up for by no order
 SWAP = 0.1
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What the commands mean and what the vehicle did, row by row and in one band."""
+
+    airframe: Airframe
+    model: RotorModel
+    speeds: Array  # (rows, N) normalised
+    meant: Array  # (rows, 6) body loads by the rotors, N and N m
+    moved: Array  # (rows, 6) by mass and inertia
+    stretch: Array  # (rows,) number of the contiguous stretch
+    step_s: float  # between two rows
+    sagged: float = 1.0  # share of the lift that the pack may have left
+
+    def quick(self, loads: Array) -> Array:
+        """(rows, C) less their mean over QUICK_S around, within each stretch."""
+        rows, half = np.arange(len(loads)), round(0.5 * QUICK_S / self.step_s)
+        first, last = (np.searchsorted(self.stretch, self.stretch, side) for side in ("left", "right"))
+        low, high = np.maximum(rows - half, first), np.minimum(rows + half + 1, last)
+        sums = np.concatenate([np.zeros((1, loads.shape[1])), np.cumsum(loads, axis=0)])
+        return np.asarray(loads - (sums[high] - sums[low]) / (high - low)[:, None])
 
 
 def other_motors(logs: Sequence[Samples], airframe: Airframe) -> Iterator[OtherVehicle]:
@@ -56,11 +83,16 @@ def motors_differ(log: Samples, turned: int, rotors: int) -> str:
 
 def other_vehicle(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[OtherVehicle, ...]:
     """Everything by which a flight is another vehicle's; empty for the file's own."""
-    moved, meant = (_judged(frame, loads) for loads in (frame.measured, frame.predicted))
-    found = list(_lift(frame, moved, meant))
-    for log in logs:
-        found += _speeds(log, frame)
-    return (*found, *(_exchanged(frame, moved) or _response(frame, moved, meant)))
+    moved, meant, speeds = (_judged(frame, rows) for rows in (frame.measured, frame.predicted, frame.speeds))
+    stretch, step_s = frame.stretch[frame.keep], float(np.median(np.diff(frame.time_s[frame.keep])))
+    speeds = np.clip(speeds, 0.0, None)
+    flown = Flown(frame.airframe, frame.model, speeds, meant, moved, stretch, step_s, _sagged(frame))
+    return (*_lift(flown), *(d for log in logs for d in _speeds(log, frame)), *_turns(flown))
+
+
+def differs(flown: Flown) -> tuple[OtherVehicle, ...]:
+    """Of `other_vehicle` what needs no log: lift, order of the outputs, response."""
+    return (*_lift(flown), *_turns(flown))
 
 
 def _judged(frame: FlightFrame, loads: Array) -> Array:
@@ -72,16 +104,22 @@ def _judged(frame: FlightFrame, loads: Array) -> Array:
     return np.asarray(out[frame.keep])
 
 
-def _lift(frame: FlightFrame, moved: Array, meant: Array) -> Iterator[OtherVehicle]:
-    lift, carried = -float(np.mean(meant[:, 2])), -float(np.mean(moved[:, 2]))
+def _lift(flown: Flown) -> Iterator[OtherVehicle]:
+    lift, carried = -float(np.mean(flown.meant[:, 2])), -float(np.mean(flown.moved[:, 2]))
+    if not np.isfinite(carried):  # no accelerometer is told
+        return
     ratio = lift / carried if carried > 0.0 else np.inf
-    most = (1.0 + LIFT) / _sagged(frame)
+    most = (1.0 + LIFT) / flown.sagged
     if not 1.0 - LIFT <= ratio <= most:
         why = (
-            f"the rotors' commands mean {lift:.0f} N of lift, and {frame.airframe.mass_kg:g} kg hang on "
+            f"the rotors' commands mean {lift:.0f} N of lift, and {flown.airframe.mass_kg:g} kg hang on "
             f"{carried:.0f} N ({ratio:.2f} times; within {100 * LIFT:.0f} % is expected)"
         )
         yield OtherVehicle("lift", ratio, (1.0 - LIFT, most), why)
+
+
+def _turns(flown: Flown) -> list[OtherVehicle]:
+    return _exchanged(flown) or _response(flown)
 
 
 def _sagged(frame: FlightFrame) -> float:
@@ -125,29 +163,29 @@ def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
         yield OtherVehicle("speeds", float(apart.max()), (1.0 - SPEEDS, 1.0 + SPEEDS), why)
 
 
-def _left(frame: FlightFrame, speeds: Array, moved: Array, order: Sequence[int]) -> Array:
+def _left(flown: Flown, order: Sequence[int]) -> Array:
     """(3,) share of each moment's variance that commands in this order leave, whatever the inertia."""
-    loads = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds[:, list(order)]))[:, 3:]
-    x, y = loads - loads.mean(axis=0), moved[:, 3:] - moved[:, 3:].mean(axis=0)
+    body, moved = flown.airframe, flown.moved[:, 3:]
+    loads = body.body_loads(*body.loads(flown.model, flown.speeds[:, list(order)]))[:, 3:]
+    x, y = flown.quick(loads), flown.quick(moved)
     along = np.maximum(np.sum(x * y, axis=0), 0.0)
     told = along**2 / np.maximum(np.sum(x * x, axis=0) * np.sum(y * y, axis=0), 1e-300)
     return np.asarray(np.maximum(1.0 - told, 1e-6))
 
 
-def _exchanged(frame: FlightFrame, moved: Array) -> list[OtherVehicle]:
+def _exchanged(flown: Flown) -> list[OtherVehicle]:
     """Outputs in another order that explain what moves the body ten times as well.
 
     Two are exchanged at a time, the best first, as long as it helps.
     """
-    speeds = np.clip(_judged(frame, frame.speeds), 0.0, None)
-    order = list(range(speeds.shape[1]))
-    first = best = _left(frame, speeds, moved, order)
+    order = list(range(flown.speeds.shape[1]))
+    first = best = _left(flown, order)
     while True:
         tried = []
         for i, j in combinations(range(len(order)), 2):
             other = list(order)
             other[i], other[j] = other[j], other[i]
-            tried.append((_left(frame, speeds, moved, other), other))
+            tried.append((_left(flown, other), other))
         now, other = min(tried, key=lambda t: float(np.sum(np.log(t[0]))))
         if float(np.sum(np.log(now / best))) > -1e-3:
             break
@@ -157,21 +195,22 @@ def _exchanged(frame: FlightFrame, moved: Array) -> list[OtherVehicle]:
     if gain < 1.0 / SWAP or not helps.any():
         return []
     wrong = [k for k, n in enumerate(order) if k != n]
-    numbers = [r.number for r in frame.airframe.rotors]
+    numbers = [r.number for r in flown.airframe.rotors]
     named = ", ".join(f"rotor {numbers[k]} by motor{numbers[order[k]]}" for k in wrong)
     axis = int(np.argmax(np.where(helps, first - best, -1.0)))
     why = (
-        f"outputs exchanged: {AXES[axis + 1]} follows the commands in {100 * (1 - first[axis]):.0f} % of its "
-        f"variance as they are named, in {100 * (1 - best[axis]):.0f} % with {named}"
+        f"outputs exchanged, or rotors stand elsewhere: {AXES[axis + 1]} follows the commands in "
+        f"{100 * (1 - first[axis]):.0f} % of its variance as they are named, in "
+        f"{100 * (1 - best[axis]):.0f} % with {named}"
     )
     return [OtherVehicle("outputs", 1.0 - float(first[axis]), (1.0 - float(best[axis]), 1.0), why)]
 
 
-def _response(frame: FlightFrame, moved: Array, meant: Array) -> list[OtherVehicle]:
+def _response(flown: Flown) -> list[OtherVehicle]:
     """Every axis turns as its own moment says: sign and size, where one explains the other."""
-    guessed = frame.airframe.source_of("inertia_kg_m2") in UNKNOWN
+    guessed = flown.airframe.source_of("inertia_kg_m2") in UNKNOWN
     most = RESPONSE**2 if guessed else RESPONSE
-    x, y = (loads[:, 3:] - loads[:, 3:].mean(axis=0) for loads in (meant, moved))
+    x, y = (flown.quick(loads[:, 3:]) for loads in (flown.meant, flown.moved))
     size = np.maximum(np.sqrt(np.sum(x * x, axis=0)), 1e-9)
     gains = np.linalg.lstsq(x / size, y, rcond=None)[0] / size[:, None]  # (of a moment, on an axis)
     jointly = 1.0 - np.sum((y - x @ gains) ** 2, axis=0) / np.maximum(np.sum(y * y, axis=0), 1e-300)

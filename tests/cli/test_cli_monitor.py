@@ -11,7 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.cli import main
+from coaxlink.files import example
 from coaxlink.studies.simulator import free_port
+
+X8 = str(example("x8_paper.toml"))
 
 
 def one_line(capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, part: str) -> None:
@@ -35,7 +38,8 @@ def test_what_cannot_be_done_is_one_line(tmp_path: Path, capsys: pytest.CaptureF
             (["--connect", here], 2, "--once"),  # no terminal
             (["--airframe", str(tmp_path / "air.toml")], 2, "air.toml"),
             (["--rotor", str(tmp_path / "none.toml")], 2, "none.toml"),
-            (["--replay", str(tmp_path / "text.tlog")], 2, "text.tlog"),
+            (["--replay", str(tmp_path / "text.tlog"), "--airframe", X8], 2, "text.tlog"),
+            (["--replay", str(tmp_path / "text.tlog")], 2, "--airframe is needed"),
         ):
             one_line(capsys, arguments, code, part)
 
@@ -57,7 +61,7 @@ def test_one_look_into_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture
             for frame in frames:
                 file.write(struct.pack(">Q", 1_700_000_000_000_000 + 100_000 * k) + frame)
     with pytest.raises(SystemExit) as left:
-        main(["monitor", "--replay", str(tlog), "--start", "1.5", "--json", str(target)])
+        main(["monitor", "--replay", str(tlog), "--airframe", X8, "--start", "1.5", "--json", str(target)])
     assert left.value.code in (0, None)
     out = capsys.readouterr().out
     assert "ARMED" in out and "flight.tlog 0:01.5 / 0:01.9" in out

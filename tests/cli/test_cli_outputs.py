@@ -23,7 +23,7 @@ LINES: dict[str, tuple[list[str], list[str]]] = {
     "compare": (["air.toml"], ["--json", "--out", "--report"]),
     "airframe": (["air.toml"], ["--json", "--picture"]),
     "mix": (["air.toml", "--connect", "udpout:127.0.0.1:9"], ["--json"]),
-    "monitor": (["--replay", "stand.csv"], ["--json"]),
+    "monitor": (["--replay", "stand.csv", "--airframe", "air.toml"], ["--json"]),
     "campaign": (["air.toml"], ["--json"]),
     "sim": (["--airframe", "air.toml"], ["--log", "--truth-log", "--stand"]),
     "init": (["--from", "air.toml"], ["out"]),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from coaxlink.files import example
-from coaxlink.health.sequential import CALL, SequentialTest, fault_shapes
+from coaxlink.health.sequential import CALL, SequentialTest, fault_shapes, log_normal
 from coaxlink.health.stream import HealthInterval, Stream
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.tables.px4 import report_px4
@@ -164,3 +164,10 @@ def test_without_an_accelerometer_and_at_ten_hertz_it_still_names(flown):
     slow = {k: v[::5] for k, v in log.items()} | {"accel_z_m_s2": np.full(len(log["time_s"][::5]), np.nan)}
     called = next(v for v in told(vehicle, slow) if v.called)
     assert called.called.rotor == 2 and called.time_s > ONSET_S
+
+
+def test_a_companion_without_scipy_weighs_as_with_it():
+    from scipy.special import log_ndtr
+
+    x = np.linspace(-60.0, 9.0, 701)
+    np.testing.assert_allclose(log_normal(x), log_ndtr(x), atol=1e-6)

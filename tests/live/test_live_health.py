@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from case_table import case_table
 from live_line import Session
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.files import example
 from coaxlink.health.sequential import Suspicion, Verdict
-from coaxlink.live import health_watch
+from coaxlink.live import health_watch, weighed
 from coaxlink.live.guard import LIVE, RAMP
 from coaxlink.live.health_watch import HealthWatch
 from coaxlink.live.in_air import InAir, weakened
@@ -69,10 +71,46 @@ def test_rotors_are_called_one_after_the_other_and_said_to_the_vehicle(vehicle, 
     assert not watch.problem and [c["rotor"] for c in calls] == list(ONSETS)
     for call, onset in zip(calls, ONSETS.values(), strict=True):
         assert 0.0 < call["time_s"] - 1.0 - onset < 2.0 and call["loss"] == pytest.approx(0.12, abs=0.04)
-    assert [c.rotor for c in said] == [3, 3, 8, 8]  # again once the size is settled
+    assert [text.split()[1] for text in said] == list("3388")  # again once the size is settled
     texts = [m for m in live.session.texts if m.get_type() == "STATUSTEXT"]
     assert [m.severity for m in texts] == [mavlink.MAV_SEVERITY_CRITICAL] * 4
     assert texts[0].text.startswith("rotor 3 loses thrust") and len(texts[1].text) <= 50
+
+
+def guessed(vehicle, **changed):
+    sources = {"inertia_kg_m2": "estimated", "motor_lag_s": "default"}
+    return replace(vehicle, declared=replace(vehicle.declared, sources=sources, **changed))
+
+
+@pytest.mark.slow
+def test_what_hangs_on_a_guess_or_on_another_vehicle_is_no_call(vehicle, log, monkeypatch):
+    """Every premise agrees on rotor 3; where one does not, or where outputs are exchanged, it is no call."""
+    body = vehicle.declared
+    twice = {**log, "motor1": log["motor6"], "motor6": log["motor1"]}
+    holds = weighed.Told.holds
+    blind = lambda told, *asked: "2 times" not in told.words and holds(told, *asked)  # noqa: E731
+    with case_table() as case:
+        for name, flown, rows, sees, words in (
+            ("guessed, and it does not matter", guessed(vehicle), log, holds, "rotor 3 lost"),
+            ("guessed, and it matters", guessed(vehicle), log, blind, "cannot judge, measure inertia_kg_m2"),
+            ("outputs exchanged", vehicle, twice, holds, "not this vehicle (outputs)"),
+            (
+                "30 % heavier",
+                guessed(vehicle, mass_kg=1.3 * body.mass_kg),
+                log,
+                holds,
+                "not this vehicle (lift)",
+            ),
+        ):
+            with case(name):
+                monkeypatch.setattr(weighed.Told, "holds", sees)
+                live, said = mixer(flown), []
+                watch = HealthWatch(live, said.append)
+                fly(live, watch, rows)
+                texts = [m.text for m in live.session.texts if m.get_type() == "STATUSTEXT"]
+                assert any(words in text for text in texts), texts
+                calls = [c["rotor"] for c in watch.account()["calls"]]
+                assert bool(calls) == ("lost" in words) and set(calls) <= set(ONSETS)
 
 
 @pytest.mark.slow
@@ -104,15 +142,15 @@ def test_an_error_in_the_test_ends_the_test_alone(vehicle, monkeypatch):
 def test_a_size_that_was_being_settled_at_the_landing_holds_up_no_call_of_the_next_flight(vehicle):
     def verdict(time_s, rotor):
         s = Suspicion(rotor, 0.99, 0.2, 0.02, False)
-        return Verdict(time_s, True, (s,), 0.0, s)
+        return Verdict(time_s, True, (s,), 0.0, s), s
 
     in_air = InAir(vehicle)
     for state in (FLYING, LANDED, FLYING):
         for message in (BEAT, state):
             in_air.heard(message)
         if not in_air.calls:
-            assert in_air._judged(verdict(1500.0, 3)).rotor == 3
-    call = in_air._judged(verdict(5.0, 4))  # the vehicle was switched off and on again
+            assert in_air._judged(*verdict(1500.0, 3)).rotor == 3
+    call = in_air._judged(*verdict(5.0, 4))  # the vehicle was switched off and on again
     assert call is not None and [c.rotor for c in in_air.calls] == [3, 4]
 
 

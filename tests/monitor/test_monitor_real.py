@@ -293,7 +293,9 @@ def test_no_screen_outlives_its_server(what: str, tmp_path: Path) -> None:
         b"".join(struct.pack(">Q", 1_700_000_000_000_000 + k * 1_000_000) + beat for k in range(90))
     )
     options = (
-        ["--replay", str(recording)] if what == "replay" else ["--connect", f"udpin:127.0.0.1:{free_port()}"]
+        ["--replay", str(recording), "--airframe", str(example("x8_paper.toml"))]
+        if what == "replay"
+        else ["--connect", f"udpin:127.0.0.1:{free_port()}"]
     )
     with serving(sys.executable, "-m", "coaxlink", "monitor", *options) as (served, url):
         screen = asyncio.run(left_by(served, url))

@@ -66,7 +66,7 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
             ("48 kg", sound, body(mass_kg=48.0), "lift"),
             ("16 kg", sound, body(mass_kg=16.0), "lift"),
             ("a quad's log", missing, body(), "motors"),
-            ("arms turned by 45 degrees", sound, body(rotors=plus), "response"),
+            ("arms turned by 45 degrees", sound, body(rotors=plus), "outputs"),
             ("three times the inertia", sound, body(inertia_kg_m2=inertia), "response"),
             ("two outputs exchanged", motors(sound, [2, 1, 3, 4, 5, 6, 7, 8]), body(), "outputs"),
             ("one pair exchanged", motors(sound, [6, 2, 3, 4, 5, 1, 7, 8]), body(), "outputs"),

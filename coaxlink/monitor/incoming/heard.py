@@ -44,12 +44,14 @@ class Heard:
         self.listener: Callable[[Any], None] | None = None  # of the autopilot's messages, once folded in
         self.waiting = ""  # what the link waits for
         self.line: Callable[[], list[str]] = list  # what is to be known of the line, or of the recording
+        self.begun = 0  # how often all was forgotten: another vehicle, another place of a recording
         self.unheard: Callable[[], str] = str  # why the autopilot's words do not arrive
         self._lock = Lock()
         self._forget(None)
 
     def _forget(self, target: tuple[int, int] | None) -> None:
         self.telemetry.clear()
+        self.begun += 1
         self.target = target  # (system, component)
         self.others: tuple[int, ...] = ()  # further systems whose autopilots are heard here
         self.parameters: Mapping[str, float] = {}  # replaced as a whole, never changed

@@ -22,6 +22,7 @@ from coaxlink.data.logs.flight import MOTOR, log_kind, read_flight_log
 from coaxlink.data.logs.tlog import stamped_frames
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
+from coaxlink.frames import IMU_COLUMNS
 from coaxlink.mavlink.clock import SYSTEM
 from coaxlink.mavlink.modes import NO_MODE
 from coaxlink.monitor.incoming.heard import Heard
@@ -45,6 +46,10 @@ class Recording(Protocol):
     notes: tuple[str, ...]  # what must be known to trust it
     target: tuple[int, int]
     parameters: Mapping[str, float]  # known before the first message
+
+    @property
+    def samples(self) -> Samples | None:
+        """The same as columns, where they can be had."""
 
     def before(self, to_s: float) -> Iterator[tuple[float, Any]]:
         """(s from the start, message) of parameters and texts in [0, to_s), which last."""
@@ -87,8 +92,12 @@ class Player:
             if to - self.position_s > MOST_AHEAD_S:
                 self.seek(to)
             else:
-                self._hear(self.recording.between(_beyond(self.position_s), _beyond(to)), to)
+                self.play_to(to)
             self.playing = to < self.recording.length_s
+
+    def play_to(self, to_s: float) -> None:
+        """All of the recording from here on to there, at once."""
+        self._hear(self.recording.between(_beyond(self.position_s), _beyond(to_s)), to_s)
 
     def seek(self, to_s: float) -> None:
         """Go to a place, in s from the start; beyond either end to that end."""
@@ -128,7 +137,7 @@ class Tlog:
 
     def __init__(self, path: Path) -> None:
         """Raises InputError."""
-        self.name = path.name
+        self.name, self._path = path.name, path
         self._times: list[float] = []
         self._frames: list[bytes] = []
         now, last = 0.0, None
@@ -148,6 +157,14 @@ class Tlog:
         self.target = target
         self._beats = [k for k, who in enumerate(senders) if who == target]
         self._lasting = self._lasting_frames()
+
+    @property
+    def samples(self) -> Samples | None:
+        """As `Recording.samples`."""
+        try:
+            return read_flight_log(self._path)
+        except InputError:  # shown all the same
+            return None
 
     def _lasting_frames(self) -> list[int]:
         """Where parameters and texts are, and before each text what tells its time on the vehicle."""
@@ -199,7 +216,7 @@ class SampleLog:
         parameters: Mapping[str, float],
         texts: Sequence[tuple[float, int, str]] = (),
     ) -> None:
-        self.name, self._samples, self._autopilot, self.parameters = name, samples, autopilot, parameters
+        self.name, self.samples, self._autopilot, self.parameters = name, samples, autopilot, parameters
         time = samples["time_s"]
         start = float(time[0])
         self.length_s = float(time[-1]) - start
@@ -228,30 +245,35 @@ class SampleLog:
                 yield at, _sent(mavlink.MAVLink_statustext_message(severity, text.encode()))
 
     def _value(self, name: str, row: int, default: float = math.nan) -> float:
-        column = self._samples.columns.get(name)
+        column = self.samples.columns.get(name)
         return default if column is None else float(column[row])
 
     def _messages(self, row: int) -> Iterator[Any]:
-        boot_ms = round(1e3 * float(self._samples["time_s"][row])) & 0xFFFFFFFF
+        boot_ms = round(1e3 * float(self.samples["time_s"][row])) & 0xFFFFFFFF
         armed = 128 if self._value("armed", row, 1.0) > 0.5 else 0
         yield mavlink.MAVLink_heartbeat_message(2, self._autopilot, armed, NO_MODE, 4, 3)
+        boot_us = 1000 * boot_ms
         roll, pitch, yaw = (self._value(f"{a}_rad", row) for a in ("roll", "pitch", "yaw"))
-        yield mavlink.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, 0.0, 0.0, 0.0)
+        rates = [self._value(f"gyro_{a}_rad_s", row) for a in "xyz"]
+        yield mavlink.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, *rates)
+        if self.samples.has(*IMU_COLUMNS):
+            accel = [self._value(f"accel_{a}_m_s2", row) for a in "xyz"]
+            yield mavlink.MAVLink_highres_imu_message(boot_us, *accel, *rates, *[0.0] * 7, 0x3F, 0)
         commands = [self._value(f"motor{n}", row) for n in range(1, self._motors + 1)]
         padded = [*commands, *[0.0] * (32 - len(commands))]
-        yield mavlink.MAVLink_actuator_output_status_message(boot_ms, (1 << self._motors) - 1, padded)
+        yield mavlink.MAVLink_actuator_output_status_message(boot_us, (1 << self._motors) - 1, padded)
         for first in range(0, self._rpm, 4):
             rpm = [self._value(f"rpm{first + k + 1}", row) for k in range(4)]
             if not all(math.isnan(speed) for speed in rpm):  # between two messages of slow ESCs
                 yield MAVLink_esc_status_message(first, 0, rpm, [0.0] * 4, [0.0] * 4)
-        if self._samples.has("height_m"):
+        if self.samples.has("height_m"):
             vn, ve, vd = (self._value(f"vel_{a}_m_s", row) for a in "ned")
             down = -self._value("height_m", row)
             yield mavlink.MAVLink_local_position_ned_message(boot_ms, 0.0, 0.0, down, vn, ve, vd)
-        if self._samples.has("voltage_V"):
+        if self.samples.has("voltage_V"):
             cells = [min(round(1e3 * self._value("voltage_V", row)), 65534), *[65535] * 9]
             yield mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, -1, -1, -1, -1)
-        if self._samples.has("landed"):
+        if self.samples.has("landed"):
             state = 1 if self._value("landed", row) > 0.5 else 2
             yield mavlink.MAVLink_extended_sys_state_message(0, state)
 
@@ -279,7 +301,9 @@ def load_recording(path: Path) -> Tlog | SampleLog:
             dataflash_parameters(path),
             texts,
         )
-    raise InputError(path, "", "a tlog, a ULog or a DataFlash log (.bin) is expected, found text")
+    if kind == "live":
+        return SampleLog(path.name, read_flight_log(path), mavlink.MAV_AUTOPILOT_PX4, {})
+    raise InputError(path, "", "a tlog, a mix.live, a ULog or a DataFlash log (.bin) is expected, found text")
 
 
 def _sent(message: Any) -> Any:

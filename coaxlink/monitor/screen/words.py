@@ -327,8 +327,12 @@ def summary(view: Moment, replay: Text | None = None) -> Text:
 
 
 def health_words(view: Moment) -> Text:
-    """`rotors: sound`, or why there is no word."""
+    """`rotors: sound (...)`, or why there is no word."""
     h = view.health
+    if h.reasons:
+        return Text(f"rotors: {h.why}", WARN)
+    if h.word == "sound":
+        return Text("rotors: sound (no loss set in while watched)")
     return Text(f"rotors: {h.word}" if h.word else f"rotors: not judged ({h.why})", "" if h.word else DIM)
 
 
@@ -341,6 +345,7 @@ def health_notes(view: Moment) -> list[Text]:
             f"rotor {c.rotor} (x) lost {size}, at {clock(c.time_s)}, probability {c.probability:.2f}: land"
         )
         lines.append(Text(words, f"bold {BAD}"))
+    lines += [Text(reason.line(), WARN) for reason in view.health.reasons]
     if view.health.word == "watch":
         s = view.health.suspicions[0]
         words = f"rotor {s.rotor} (?) may have lost {100 * s.loss:.0f} % of its thrust"
@@ -382,7 +387,7 @@ def _verdict(health: RotorsInAir, rotor: RotorView) -> tuple[str, str]:
     if call is not None:
         size = f"{100 * call.loss:.1f} +/- {196 * call.loss_sd:.1f} %"
         return f"{size}, probability {call.probability:.2f}", f"bold {BAD}"
-    if not health.word:
+    if not health.word or health.reasons:
         return "not judged", DIM
     if rotor.health:
         s = health.suspicions[0]

@@ -32,6 +32,7 @@ from coaxlink.monitor.state.rotors import (
 from coaxlink.monitor.state.speeds import STALE_S, RotorSpeeds, rotor_speeds
 from coaxlink.monitor.state.table import TableOnBoard
 from coaxlink.monitor.state.vehicle import VehicleState, on_ground, vehicle_of, version_of
+from coaxlink.premises.answer import as_json
 from coaxlink.vehicle import Vehicle
 from firmware_params.plain import plain
 
@@ -98,7 +99,8 @@ class Moment:
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values; unknown ones are null."""
         values: dict[str, Any] = _json(asdict(self))
-        return values
+        values["health"].pop("reasons")
+        return {**values, "health": {**values["health"], **as_json(self.health.reasons)}}
 
 
 def observe(

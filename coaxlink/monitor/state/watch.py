@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from coaxlink.errors import CoaxlinkError
@@ -15,6 +15,7 @@ from coaxlink.monitor.state.moment import Moment, observe
 from coaxlink.monitor.state.speeds import commanded_speeds
 from coaxlink.monitor.state.table import TableOnBoard
 from coaxlink.monitor.state.vehicle import Drain, battery_of
+from coaxlink.premises.answer import Reason
 from coaxlink.vehicle import Vehicle
 
 OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS")  # the first is taken where both come
@@ -23,22 +24,23 @@ OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS")  # the first is taken w
 class Watch:
     """What one screen looks at: `heard`, held against `vehicle`."""
 
-    def __init__(self, heard: Heard, vehicle: Vehicle, address: str = "") -> None:
-        self.heard, self.vehicle, self.address = heard, vehicle, address
+    def __init__(
+        self, heard: Heard, vehicle: Vehicle, address: str = "", reasons: Sequence[Reason] = ()
+    ) -> None:
+        """`reasons`: why a recording can be no base of a verdict."""
+        self.heard, self.vehicle, self.address, self._reasons = heard, vehicle, address, reasons
         # the table that was judged last, and what it is
         self._judged: tuple[Mapping[str, float], TableOnBoard] = ({}, TableOnBoard("unread"))
         self._allocation = _exact(vehicle)
         self._outputs = ""  # the kind of message that tells the commands
-        self._target = heard.target
+        self._begun = heard.begun
         self._drain, self._in_air = Drain(), InAir(vehicle)
         heard.listener = self._hear
 
     def look(self) -> Moment:
         """The present."""
         heard, telemetry = self.heard, self.heard.telemetry
-        if heard.target != self._target:  # of the vehicle before nothing counts
-            self._target = heard.target
-            self._drain, self._in_air = Drain(), InAir(self.vehicle)
+        self._begin_anew()
         pack = battery_of(telemetry)
         remaining = pack.value.remaining if pack else None
         self._drain = self._drain.extended(telemetry.clock_s, remaining, telemetry.armed)
@@ -49,8 +51,14 @@ class Watch:
             board=self._board(table_parameters(heard.parameters)),
             allocation=self._allocation,
             trend_min=self._drain.minutes,
-            health=self._in_air.now,
+            health=self._in_air.now.on((*self._reasons, *self._in_air.reasons)),
         )
+
+    def _begin_anew(self) -> None:
+        """Of the vehicle before, or of another place of a recording, nothing counts."""
+        if self.heard.begun != self._begun:
+            self._begun = self.heard.begun
+            self._drain, self._in_air = Drain(), InAir(self.vehicle)
 
     def _board(self, table: Mapping[str, float]) -> TableOnBoard:
         """What the table is; judged again when another was heard."""
@@ -60,6 +68,7 @@ class Watch:
 
     def _hear(self, message: Any) -> None:
         """Every message of the vehicle, on the link's thread: what its rotors' health is judged by."""
+        self._begin_anew()
         kind = message.get_type()
         if kind in OUTPUTS and self._outputs in ("", kind, OUTPUTS[1]) and not getattr(message, "port", 0):
             self._outputs = kind

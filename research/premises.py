@@ -1,0 +1,232 @@
+"""Every verb that judges, against every premise: what it says, and its exit code.
+
+    python research/premises.py [--small] [--json F]
+
+One flight of the example X8 in the compiled plant, sound, and one in which rotor 3 lost a fifth in mid
+flight, each written as the tlog that a ground station keeps. The premise is then taken away: the vehicle's
+file says that a number was guessed (and guesses wrong by 1.6), weighs a fifth less, is another vehicle's; the
+outputs are exchanged; a bit of the file is flipped; no parameter says which output is which motor. WRONG: a
+sound rotor is named, or a weak one, or another vehicle's flight, passes for sound.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import struct
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
+WEAK, LOSS, ONSET_S, SECONDS = 3, 0.2, 25.0, 50.0
+Flight = dict[str, np.ndarray]
+IMU = ("accel_{}_m_s2", "gyro_{}_rad_s")
+
+
+def flown(*, weak: bool) -> Flight:
+    """Columns at 50 Hz."""
+    from coaxlink.tables.px4 import report_px4
+    from coaxlink.vehicle import load_vehicle
+    from sim.effects import HiddenEffect
+    from sim.physics.rotors import read_pair
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
+    from sim.vehicle import read_vehicle
+
+    frame, rotors = EXAMPLES / "x8_demo.toml", EXAMPLES / "rotor_paper.toml"
+    design = make_design(
+        read_vehicle(frame), read_pair(rotors), report_px4(load_vehicle(frame, rotors), "fitted").params
+    )
+    lost = (HiddenEffect("degraded_rotor", LOSS, ONSET_S, {"rotor": float(WEAK)}),) if weak else ()
+    return fly_quick(design, FlightWorld(lost, 3, "wander", SECONDS), 8)[1]
+
+
+def messages(log: Flight, order: tuple[int, ...], *, mapped: bool) -> Iterator[tuple[float, Any]]:
+    """What a PX4 would have sent; output n drives motor order[n - 1]."""
+    if mapped:
+        for n in range(1, 9):
+            value = struct.unpack("<f", struct.pack("<i", 100 + n))[0]
+            yield 0.0, mavlink.MAVLink_param_value_message(b"PWM_MAIN_FUNC%d" % n, value, 6, 8, n)
+    for k, t in enumerate(log["time_s"].tolist()):
+        ms, us = round(1e3 * t) + 5000, round(1e6 * t) + 5_000_000
+        if k % 50 == 0:
+            yield t, mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3)
+            yield t, mavlink.MAVLink_extended_sys_state_message(0, 2)
+        pulses = [round(1000 + 1000 * float(log[f"motor{n}"][k])) for n in order] + [0] * 8
+        yield t, mavlink.MAVLink_servo_output_raw_message(us, 0, *pulses)
+        accel, gyro = ([float(log[c.format(a)][k]) for a in "xyz"] for c in IMU)
+        yield t, mavlink.MAVLink_highres_imu_message(us, *accel, *gyro, *[0.0] * 7, 0x3F, 0)
+        angles = [float(log[f"{a}_rad"][k]) for a in ("roll", "pitch", "yaw")]
+        yield t, mavlink.MAVLink_attitude_message(ms, *angles, *gyro)
+        speeds = [float(log[f"vel_{a}_m_s"][k]) for a in "ned"]
+        yield t, mavlink.MAVLink_local_position_ned_message(ms, 0, 0, -float(log["height_m"][k]), *speeds)
+
+
+def write_tlog(path: Path, sent: Iterator[tuple[float, Any]]) -> None:
+    """Eight bytes of the recorder's clock before each frame."""
+    packer = mavlink.MAVLink(None, 1, 1)
+    with path.open("wb") as file:
+        for t, message in sent:
+            frame = message.pack(packer)
+            packer.seq = (packer.seq + 1) % 256
+            file.write(struct.pack(">Q", 1_700_000_000_000_000 + round(1e6 * t)) + frame)
+
+
+def airframe(change: Callable[[str], str]) -> str:
+    """The example's file, changed, in a folder with its rotors."""
+    return change((EXAMPLES / "x8_demo.toml").read_text())
+
+
+def scaled(text: str, key: str, factor: float) -> str:
+    """With a number, or each of a list, times `factor`."""
+    line = next(row for row in text.splitlines() if row.startswith(f"{key} ="))
+    value = np.atleast_1d(np.array(json.loads(line.partition("=")[2].partition("#")[0])))
+    many = [round(factor * float(v), 9) for v in value]
+    return text.replace(line, f"{key} = {many if len(many) > 1 else many[0]}")
+
+
+def sourced(text: str, **sources: str) -> str:
+    """With a table of sources."""
+    return text + "\n[sources]\n" + "".join(f'{key} = "{value}"\n' for key, value in sources.items())
+
+
+ORDER = tuple(range(1, 9))
+PREMISES: dict[str, tuple[Callable[[str], str], tuple[int, ...], bool, bool]] = {
+    # what is taken away: the file's change, the outputs' order, whether the map is known, whether a bit flips
+    "nothing": (lambda t: t, ORDER, True, False),
+    "inertia guessed": (
+        lambda t: sourced(scaled(t, "inertia_kg_m2", 1.6), inertia_kg_m2="estimated"), ORDER, True, False,
+    ),
+    "lag guessed": (
+        lambda t: sourced(scaled(t, "motor_lag_s", 0.0), motor_lag_s="default"), ORDER, True, False,
+    ),
+    "mass 20 % less": (lambda t: scaled(t, "mass_kg", 0.8), ORDER, True, False),
+    "mass 20 % more": (lambda t: scaled(t, "mass_kg", 1.2), ORDER, True, False),
+    "outputs exchanged": (lambda t: t, (6, 2, 3, 4, 5, 1, 7, 8), True, False),
+    "other vehicle": (lambda _: (EXAMPLES / "y6.toml").read_text(), ORDER, True, False),
+    "damaged file": (lambda t: t, ORDER, True, True),
+    "no map": (lambda t: t, ORDER, False, False),
+}  # fmt: skip
+
+
+def said(*arguments: object) -> tuple[int, str]:
+    """Exit code and all that a verb says."""
+    from coaxlink.cli import main
+
+    out, code = io.StringIO(), 0
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        try:
+            main([str(a) for a in arguments])
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return code, out.getvalue()
+
+
+def verbs(log: Path, frame: Path, sent: list[tuple[float, Any]]) -> Iterator[tuple[str, int, str]]:
+    """Each verb, its exit code, and its line that counts."""
+    told = frame.with_suffix(".json")
+    for name, *arguments in (
+        ("health", log, "--airframe", frame, "--json", told),
+        ("refine", log, "--airframe", frame, "--json", told),
+        ("identify", log, "--airframe", frame, "--rotor", EXAMPLES / "rotor_paper.toml", "--json", told),
+        ("monitor", "--replay", log, "--airframe", frame, "--start", SECONDS - 1, "--once", "--json", told),
+    ):
+        told.unlink(missing_ok=True)
+        code, text = said(name, *arguments)
+        found = json.loads(told.read_text()) if told.is_file() else {}
+        yield name, code, words(name, found, text)
+    yield "mix", 0, alarm(frame, sent)
+
+
+def words(verb: str, found: dict[str, Any], text: str) -> str:
+    """The verdict and what it names."""
+    if verb == "monitor":
+        found = found.get("health", {})
+        found["verdict"] = found.get("verdict", found.get("word"))
+        found["suspects"] = [{"rotor": c["rotor"]} for c in found.get("calls", [])]
+    reasons = [f"measure {r['premise']}" for r in found.get("cannot_judge") or []]
+    reasons += [r["check"] for r in found.get("not_this_vehicle") or []]
+    named = [e["name"] for e in found.get("effects") or []]
+    named += [str(s["rotor"]) for s in (found.get("suspects") or [])[:1]]
+    verdict = found.get("verdict") or (text.strip().splitlines() or [""])[-1][:80]
+    return f"{verdict}: {', '.join(reasons or named)}" if reasons or named else str(verdict)
+
+
+def alarm(frame: Path, sent: list[tuple[float, Any]]) -> str:
+    """What `mix` says while it flies, the last of it."""
+    from coaxlink.live.guard import LIVE
+    from coaxlink.live.health_watch import HealthWatch
+    from coaxlink.vehicle import load_vehicle
+
+    vehicle = load_vehicle(frame, EXAMPLES / "rotor_paper.toml")
+    lines: list[str] = []
+    listeners: list[Callable[[Any], None]] = []
+    session = SimpleNamespace(send=lambda _: None, subscribe=lambda f: listeners.append(f) or (lambda: None))
+    core = SimpleNamespace(vehicle=vehicle, count=len(vehicle.airframe.rotors), last_us=None, sent=[0.0] * 8)
+    live = SimpleNamespace(session=session, core=core, guard=SimpleNamespace(state=LIVE), dry_run=False)
+    watch = HealthWatch(live, lines.append)  # type: ignore[arg-type]
+    watch.listen()
+    for _, message in sent:
+        if message.get_type() == "SERVO_OUTPUT_RAW":
+            core.last_us = message.time_usec
+            core.sent = [(getattr(message, f"servo{n}_raw") - 1000) / 1000 for n in ORDER]
+        listeners[0](message)
+        watch.work()
+    return lines[-1][:90] if lines else watch.account()["word"] or "nothing"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--small", action="store_true", help="one flight, two premises, for CI")
+    parser.add_argument("--json", type=Path)
+    o = parser.parse_args()
+    chosen = ("inertia guessed", "outputs exchanged") if o.small else tuple(PREMISES)
+    rows, wrong = [], 0
+    print("| flight | premise | verb | says | exit | |\n|---|---|---|---|---:|---|")
+    for flight in ("weak",) if o.small else ("sound", "weak"):
+        log = flown(weak=flight == "weak")
+        for premise in chosen:
+            change, order, mapped, flips = PREMISES[premise]
+            sent = list(messages(log, order, mapped=mapped))
+            with tempfile.TemporaryDirectory() as folder:
+                path, frame = Path(folder) / "flight.tlog", Path(folder) / "vehicle.toml"
+                frame.write_text(airframe(change))
+                (Path(folder) / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
+                write_tlog(path, iter(sent))
+                if flips:
+                    data = bytearray(path.read_bytes())
+                    data[2 * len(data) // 3] ^= 64
+                    path.write_bytes(data)
+                for verb, code, answer in verbs(path, frame, sent):
+                    bad = is_wrong(flight, premise, answer)
+                    wrong += bad
+                    rows.append([flight, premise, verb, answer, code, bad])
+                    mark = "WRONG" if bad else ""
+                    print(f"| {flight} | {premise} | {verb} | {answer} | {code} | {mark} |", flush=True)
+    if o.json:
+        o.json.write_text(json.dumps(rows))
+    sys.exit(1 if wrong else 0)
+
+
+def is_wrong(flight: str, premise: str, answer: str) -> bool:
+    """A rotor that is sound is named, or a weak one, or another vehicle's, passes for sound."""
+    named = [c for c in answer if c.isdigit()][:1] if "rotor" in answer or "ground it" in answer else []
+    if flight == "weak" and named not in ([], [str(WEAK)]):
+        return True
+    if flight == "sound" and named:
+        return True
+    quiet = any(answer.startswith(w) for w in ("sound", "nothing to mend"))
+    return quiet and (flight == "weak" or premise in ("outputs exchanged", "other vehicle", "damaged file"))
+
+
+if __name__ == "__main__":
+    main()
