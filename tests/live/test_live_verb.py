@@ -61,7 +61,7 @@ def test_a_dry_run_shows_everything_and_moves_nothing(mix: Verb, tmp_path: Path,
     summary = json.loads(result.read_text())
     assert summary["dry_run"] and summary["law"] == "exact" and summary["cycles"] > 150
     assert max(summary["allocation_error"]["max"]) < 1e-4
-    assert {"word", "why", "calls"} == set(summary["health"])
+    assert {"word", "why", "calls"} < set(summary["health"])
     said = capsys.readouterr()
     assert "exact (dry run)" in said.out and "no motor command is sent" in said.err
 
