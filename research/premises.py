@@ -15,6 +15,7 @@ import argparse
 import contextlib
 import io
 import json
+import re
 import struct
 import sys
 import tempfile
@@ -219,11 +220,14 @@ def main() -> None:
 
 def is_wrong(flight: str, premise: str, answer: str) -> bool:
     """A rotor that is sound is named, or a weak one, or another vehicle's, passes for sound."""
-    named = [c for c in answer if c.isdigit()][:1] if "rotor" in answer or "ground it" in answer else []
+    found = re.match(r"(?:ground it: |called: |rotor )(\d)", answer)
+    named = [found[1]] if found else []
     if flight == "weak" and named not in ([], [str(WEAK)]):
         return True
     if flight == "sound" and named:
         return True
+    if premise == "damaged file" and answer in ("sound", f"rotor {WEAK}"):
+        return False  # mix reads no file
     quiet = any(answer.startswith(w) for w in ("sound", "nothing to mend"))
     return quiet and (flight == "weak" or premise in ("outputs exchanged", "other vehicle", "damaged file"))
 

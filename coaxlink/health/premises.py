@@ -87,7 +87,7 @@ def flown_by(logs: Sequence[Samples], vehicle: Vehicle) -> tuple[OtherVehicle | 
         differs = other_vehicle(frame, [log])
         found += [d for d in differs if d.check != "lift" or not 1 / RESPONSE < d.found < RESPONSE]
         found += lacking(frame)
-    return tuple(found)
+    return (*found, *damage(logs))
 
 
 def update_hangs_on(update: Update, logs: Sequence[Samples], vehicle: Vehicle) -> tuple[NotJudged, ...]:

@@ -299,6 +299,9 @@ class Session(Requests):
                 sequence, *sender = _raw_header(bytes(message.get_msgbuf()))
                 if sender == [known.system, known.component]:
                     self._loss.heard(sequence)
+                if sender[0] == known.system:  # pymavlink leaves its header empty
+                    message._header = mavlink.MAVLink_header(0, 0, 0, 0, sequence, *sender)
+                    self._tell(name, message, False)
             return
         system, component = _sender(message)
         if known is None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.data.logs.flight import MOTOR
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import DAMAGED, Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.premises.answer import OtherVehicle
 from coaxlink.premises.magnets import miscounted
@@ -67,9 +67,14 @@ class Flown:
 
 
 def other_motors(logs: Sequence[Samples], airframe: Airframe) -> Iterator[OtherVehicle]:
-    """Rotors of the file without a motor in the log that turned."""
-    have = len(airframe.rotors)
+    """Rotors of the file without a motor in the log that turned; or other motors by its parameters."""
+    have, rotors = len(airframe.rotors), {r.number for r in airframe.rotors}
     for log in logs:
+        own = set(log.motors)
+        if own and own != rotors and DAMAGED not in log.premises:
+            why = f"{log.source or 'the log'} has {len(own)} motors by its parameters, the file {have}"
+            yield OtherVehicle("motors", len(own), (have, have), why)
+            continue
         numbers = [int(m[1]) for name in log.columns if (m := MOTOR.fullmatch(name))]
         turned = [n for n in numbers if np.any(np.nan_to_num(log[f"motor{n}"]) > WORKS)]
         if turned and not {r.number for r in airframe.rotors} <= set(turned):

@@ -14,6 +14,7 @@ from coaxlink.errors import LinkError
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.clock import VirtualClock
 from coaxlink.mavlink.reboot import reboot
+from coaxlink.monitor.incoming.heard import Heard
 
 
 @pytest.fixture
@@ -110,11 +111,15 @@ def test_the_log_has_a_stamp_and_a_frame_each(tmp_path, vehicle):
 
 def test_loss_is_measured_from_the_sequence_and_other_dialects_are_not_lost(vehicle):
     with meet(vehicle) as session:
+        heard = Heard(session.clock.monotonic)
+        heard.follow(1, 1)
+        session.subscribe(heard.take, whole_system=True)
         for k in range(100):
             own = ardupilotmega.MAVLink_ahrs_message(0, 0, 0, 0, 0, 0, 0)
             vehicle.send(own if k % 2 else m.MAVLink_attitude_message(k, 0, 0, 0, 0, 0, 0))
         session.clock.sleep(0.1)
         assert session.latest("ATTITUDE").time_boot_ms == 98 and session.loss == 0.0
+        assert heard.traffic.received >= 100 and heard.traffic.missed == 0
         vehicle.loss = 0.3
         for _ in range(400):
             vehicle.send(m.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))

@@ -32,6 +32,7 @@ def identify_from_flights(
     """
     from coaxlink import files
     from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.data.samples import PREMISES
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.health.coefficients import coefficients_from_flights
     from coaxlink.health.next_flight import next_flight
@@ -73,11 +74,12 @@ def identify_from_flights(
     screen = console()
     screen.print(coefficient_table(update, planned))
     screen.print(hover_table(update))
-    for line in (*words(update), *(planned.words() if planned else ())):
+    granted = dict.fromkeys(PREMISES[p] for log in read for p in log.premises)
+    for line in (*granted, *words(update), *(planned.words() if planned else ())):
         say(f"- {line}")
     if json:
         planned_json = {"next": planned.as_json()} if planned else {}
-        files.write_json(json, update.as_json() | planned_json | as_json(lacks))
+        files.write_json(json, update.as_json() | planned_json | {"premises": list(granted)} | as_json(lacks))
     if lacks:
         raise CheckFailed(f"{'; '.join(reason.line() for reason in lacks)}; no model was written")
     if out:
