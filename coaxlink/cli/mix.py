@@ -43,9 +43,6 @@ def mix(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Compute and show, send no motor command.")
     ] = False,
-    props_off: Annotated[
-        bool, typer.Option("--props-off", help="Only turn the motors one by one and ask what turned.")
-    ] = False,
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Keep mix.live and mix.tlog there.")
     ] = None,
@@ -68,7 +65,7 @@ def mix(
 ) -> None:
     """Mix live: answer every wrench demand of the autopilot with motor commands, until interrupted.
 
-    Arming stays with the pilot. Begin with --props-off, then --dry-run.
+    Arming stays with the pilot. Begin with `coaxlink motors`, then --dry-run.
     """
     from coaxlink import files, mixer
     from coaxlink.live.health_watch import HealthWatch
@@ -90,9 +87,6 @@ def mix(
         introduced(line) as session,
     ):
         alone(session)
-        if props_off:
-            _turn_motors(session, frame, json_file)
-            return
         _require_path(session)
         live_record = _record(record, vehicle, law)
         live = LiveMixer(
@@ -238,28 +232,6 @@ def _lost(arrival: dict[str, Any]) -> str:
         f"{exact}{arrival['never_arrived']} of {arrival['sent']} motor commands never arrived "
         f"({100 * arrival['share']:.0f} %, by the vehicle's {SAYS[arrival['by']]})"
     )
-
-
-def _turn_motors(session: Session, frame: Airframe, json_file: Path | None) -> None:
-    """Turn the motors one by one and ask. Raises SafetyRefusal, and CheckFailed when one is wrong."""
-    from coaxlink import files
-    from coaxlink.live.motor_test import turn_motors
-
-    typed = typer.prompt("Are all propellers off? Type: they are off", err=True)
-    if typed.strip() != "they are off":
-        raise SafetyRefusal("motors are tested with the propellers off")
-
-    def ask(number: int, mount: str) -> bool:
-        return typer.confirm(f"rotor {number}: did this one turn: {mount}?", err=True)
-
-    answers = turn_motors(session, frame, ask)
-    if json_file:
-        files.write_json(json_file, {"motors": [a.to_json() for a in answers]})
-    for a in answers:
-        sys.stdout.write(f"rotor {a.number}: {a.mount}: {'right' if a.right else 'WRONG'}\n")
-    wrong = [str(a.number) for a in answers if not a.right]
-    if wrong:
-        raise CheckFailed(f"rotor {', '.join(wrong)}: not where, or not turning as, the airframe file says")
 
 
 def register(app: typer.Typer) -> None:

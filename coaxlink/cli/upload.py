@@ -51,6 +51,10 @@ def upload(
         bool,
         typer.Option("--spin-from-table", help="ArduPilot: also MOT_SPIN_*, else as tuned on board."),
     ] = False,
+    take_over: Annotated[
+        bool,
+        typer.Option("--take-over", help="ArduPilot: your own matrix script makes way; the backup has it."),
+    ] = False,
     reboot: Annotated[
         bool, typer.Option("--reboot", help="Restart the autopilot in any case and read the table once more.")
     ] = False,
@@ -87,6 +91,7 @@ def upload(
             new_geometry=new_geometry,
             reboot=reboot,
             spin_from_table=spin_from_table,
+            take_over=take_over,
         )
     finish(outcome, json_file)
     if outcome.result == VERIFIED:

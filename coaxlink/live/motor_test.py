@@ -1,4 +1,4 @@
-"""The bench check before live mixing: turn one motor after another, propellers off, and ask what turned.
+"""The bench check, propellers off: turn one motor after another, ask what turned, say what to change.
 
 MAV_CMD_ACTUATOR_TEST (310; PX4 from 1.13) where the autopilot knows it, else MAV_CMD_DO_MOTOR_TEST (209; PX4
 up to 1.13, ArduPilot, whose parameter 1 is the place in its test order). The autopilot itself refuses either
@@ -7,16 +7,22 @@ in the air and stops the motor after the time given.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import Airframe, Rotor
-from coaxlink.errors import SafetyRefusal
-from coaxlink.mavlink.parameters import Parameters
-from firmware_params.ardupilot import motor_test_sequence
+from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.mavlink.ftp import Files
+from coaxlink.mavlink.parameters import Number, Parameters
+from coaxlink.uploading.ardupilot_scripts import matrix_script
+from firmware_params.ardupilot import motor_test_sequence, servo_function
+from firmware_params.ardupilot.owners_script import own_matrix
+from firmware_params.ardupilot.scripts import PREFIX
+from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX
 from firmware_params.errors import TableError
 
 if TYPE_CHECKING:
@@ -24,19 +30,52 @@ if TYPE_CHECKING:
 
 THROTTLE = 0.10
 SECONDS = 1.5
+SPINS = {1: "ccw", -1: "cw"}
+_OUTPUT = re.compile(r"(SERVO\d+_FUNCTION|(?:PWM_(?:MAIN|AUX)|UAVCAN_EC|HIL_ACT|TAP_ESC)_FUNC\d+)")
+_PX4_MOTOR_1 = 101
+_DSHOT = range(4, 8)  # of MOT_PWM_TYPE: DShot150 to DShot1200, whose ESCs SERVO_BLH_RVMASK turns round
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen at one command."""
+
+    rotors: tuple[int, ...]  # their numbers; empty: none turned
+    spin: str = ""  # "ccw" or "cw" from above, of the first of them; "": not looked at
 
 
 @dataclass(frozen=True)
 class MotorAnswer:
-    """What was seen when motor `number` was told to turn."""
+    """What was told to turn, and what did."""
 
     number: int
     mount: str
-    right: bool
+    expected: tuple[int, ...]
+    seen: Seen
+    spin: str  # that the first rotor seen should have
+
+    @property
+    def right(self) -> bool:
+        """Whether all of it is as the airframe file says."""
+        return set(self.seen.rotors) == set(self.expected) and self.seen.spin in ("", self.spin)
 
     def to_json(self) -> dict[str, Any]:
-        """As `coaxlink mix --props-off --json` writes it."""
-        return {"motor": self.number, "expected": self.mount, "right": self.right}
+        """As `coaxlink motors --json` writes it."""
+        return {
+            "motor": self.number,
+            "expected": self.mount,
+            "right": self.right,
+            "turned": list(self.seen.rotors),
+            "spin": self.seen.spin or None,
+        }
+
+
+@dataclass(frozen=True)
+class Mending:
+    """What makes the vehicle turn as the airframe file says."""
+
+    params: Mapping[str, tuple[Number, Number]]  # name: (on board, to be)
+    words: tuple[str, ...]  # what no parameter does
 
 
 def mount(rotor: Rotor) -> str:
@@ -52,38 +91,128 @@ def mount(rotor: Rotor) -> str:
 
 
 def turn_motors(
-    session: Session, airframe: Airframe, ask: Callable[[int, str], bool], throttle: float = THROTTLE
+    session: Session,
+    airframe: Airframe,
+    ask: Callable[[int, str], Seen],
+    numbers: Sequence[int] = (),
+    throttle: float = THROTTLE,
 ) -> tuple[MotorAnswer, ...]:
-    """Turn every motor in the airframe's order; `ask(number, place)` says whether that one turned that way.
+    """Turn the motors of these rotors (all if none is named); `ask(number, place)` says what turned.
 
-    Raises SafetyRefusal when the vehicle is armed (asked again before every motor) or will not turn one.
+    Raises SafetyRefusal when the vehicle is armed (asked again before every motor) or will not turn one,
+    InputError for a number that is none.
     """
+    rotors = {rotor.number: rotor for rotor in airframe.rotors}
+    if wrong := [n for n in numbers if n not in rotors]:
+        raise InputError("rotor", str(wrong[0]), f"numbers from 1 to {len(rotors)} are expected")
     answers = []
-    numbers_ = _test_numbers(session, airframe)
-    for rotor in airframe.rotors:
+    places, groups = _test_places(session, airframe)
+    for number in numbers or [n for n in rotors if n in groups]:
+        motor = next(m for m, group in groups.items() if number in group)
         if session.armed:
             raise SafetyRefusal("the vehicle is armed: motors are tested disarmed, propellers off")
-        _turn(session, rotor.number, numbers_[rotor.number], throttle)
-        where = mount(rotor)
-        answers.append(MotorAnswer(rotor.number, where, ask(rotor.number, where)))
+        _turn(session, motor, places[motor], throttle)
+        where = mount(rotors[motor])
+        seen = ask(motor, where)
+        first = rotors.get(seen.rotors[0]) if seen.rotors else None
+        answers.append(MotorAnswer(motor, where, groups[motor], seen, SPINS[first.yaw_sign] if first else ""))
     return tuple(answers)
 
 
-def _test_numbers(session: Session, airframe: Airframe) -> dict[int, int]:
-    """Parameter 1 of DO_MOTOR_TEST for each motor: its number on PX4, its place in ArduPilot's test order."""
+def mending(answers: Sequence[MotorAnswer], params: Mapping[str, Number], *, px4: bool) -> Mending:
+    """What to change so that every motor turns its own rotor, its own way; nothing is written.
+
+    An output whose ESC turned rotor m gets the function of motor m. `params` are the board's.
+    """
+    function = (lambda motor: _PX4_MOTOR_1 + motor - 1) if px4 else servo_function
+    outputs = {n: v for n, v in params.items() if _OUTPUT.fullmatch(n)}
+    told: dict[str, tuple[Number, Number]] = {}
+    words: list[str] = []
+    drives: dict[int, list[str]] = {}  # rotor: the outputs that its ESC is on
+    single = {a.number: a.seen.rotors[0] for a in answers if len(a.seen.rotors) == len(a.expected) == 1}
+    for answer in answers:
+        own = [name for name, held in outputs.items() if held == function(answer.number)]
+        shown = ", ".join(own) or "its output"
+        if not answer.seen.rotors:
+            words.append(
+                f"rotor {answer.number}: nothing turned; look at the ESC on {shown}, its power and its signal"
+            )
+        elif answer.number not in single:
+            if set(answer.seen.rotors) != set(answer.expected):
+                both = ", ".join(map(str, answer.seen.rotors))
+                words.append(
+                    f"rotor {answer.number}: {both} turned; one function on several outputs: {shown}"
+                )
+        else:
+            drives[single[answer.number]] = own
+    moved = {n: m for n, m in single.items() if n != m}
+    twice = sorted({m for m in single.values() if list(single.values()).count(m) > 1})
+    if twice:
+        named = ", ".join(map(str, twice))
+        words.append(f"rotor {named} was seen for two motors: turn those again; no output is changed")
+    elif set(moved) != set(moved.values()):
+        unknown = sorted(set(moved.values()) - set(moved))
+        named = ", ".join(map(str, unknown))
+        words.append(f"turn rotor {named} too: what drives it is not known yet, so no output is changed")
+    else:
+        for motor, rotor in moved.items():
+            own = [name for name, held in outputs.items() if held == function(motor)]
+            told |= {name: (outputs[name], function(rotor)) for name in own}
+            if not own:
+                words.append(f"plug the ESC that motor {motor} drives now where motor {rotor} is driven")
+    reverse = [a.seen.rotors[0] for a in answers if a.seen.rotors and a.seen.spin not in ("", a.spin)]
+    mask = params.get("SERVO_BLH_RVMASK")
+    for rotor in reverse:
+        own = drives.get(rotor, [])
+        if mask is not None and int(params.get("MOT_PWM_TYPE", 0)) in _DSHOT and own:
+            bits = sum(1 << int(name.removeprefix("SERVO").partition("_")[0]) - 1 for name in own)
+            before, after = told.get("SERVO_BLH_RVMASK", (mask, mask))
+            told["SERVO_BLH_RVMASK"] = (before, int(after) ^ bits)
+        else:
+            how = (
+                "set its spin direction in QGroundControl's Actuators page (DShot)"
+                if px4
+                else "reverse its ESC"
+            )
+            words.append(f"rotor {rotor} turns the other way: swap two wires of its motor, or {how}")
+    if reverse:
+        words.append(
+            "where the propellers are made for that way, the spin in the airframe file is wrong instead"
+        )
+    return Mending(told, tuple(words))
+
+
+def _test_places(session: Session, airframe: Airframe) -> tuple[dict[int, int], dict[int, tuple[int, ...]]]:
+    """Parameter 1 of DO_MOTOR_TEST for each motor, and the rotors that each motor turns.
+
+    A motor's number on PX4; its place in ArduPilot's test order.
+    """
     numbers = [r.number for r in airframe.rotors]
     if session.identity.is_px4:
-        return {n: n for n in numbers}
-    read = Parameters(session).read_many(["FRAME_CLASS", "FRAME_TYPE"])
+        return {n: n for n in numbers}, {n: (n,) for n in numbers}
+    places = _order(session)
+    if len(numbers) == 2 * len(places):  # each motor function on two outputs
+        count = len(places)
+        return dict(enumerate(places, start=1)), {n: (n, n + count) for n in range(1, count + 1)}
+    if max(numbers) > len(places):
+        raise SafetyRefusal(f"the frame on board has {len(places)} rotors, the airframe file {len(numbers)}")
+    return {n: places[n - 1] for n in numbers}, {n: (n,) for n in numbers}
+
+
+def _order(session: Session) -> tuple[int, ...]:
+    """The place of motor 1, 2, ... in an ArduPilot's motor test. Raises SafetyRefusal where it is unknown."""
+    names = ("FRAME_CLASS", "FRAME_TYPE", f"{PREFIX}N")
+    read = {n: v.value for n, v in Parameters(session).read_many(names, missing_ok=True).items()}
+    frame = int(read.get("FRAME_CLASS", 0))
     try:
-        numbers_ = motor_test_sequence(int(read["FRAME_CLASS"].value), int(read["FRAME_TYPE"].value))
+        if frame == SCRIPTING_MATRIX or (frame == DYNAMIC_MATRIX and f"{PREFIX}N" not in read):
+            script = matrix_script(Files(session))
+            if script is None:
+                raise TableError(f"FRAME_CLASS {frame} without a script on the card")
+            return own_matrix(script.decode("utf-8", "replace"), {"FRAME_CLASS": frame}).order
+        return motor_test_sequence(frame, int(read.get("FRAME_TYPE", 0)))
     except TableError as e:
         raise SafetyRefusal(f"{e}: in which order this frame tests its motors cannot be told") from None
-    if max(numbers) > len(numbers_):
-        raise SafetyRefusal(
-            f"the frame on board has {len(numbers_)} rotors, the airframe file {len(numbers)}"
-        )
-    return {n: numbers_[n - 1] for n in numbers}
 
 
 def _turn(session: Session, number: int, test_number: int, throttle: float) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from coaxlink.errors import CheckFailed
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Parameters
+from coaxlink.uploading.ardupilot_words import matrix_line
 from coaxlink.uploading.content import BoardFiles
 from firmware_params.ardupilot import scripts
 
@@ -27,9 +28,16 @@ def present_folder(board: Files) -> str | None:
 
 
 def matrix_script(board: Files) -> bytes | None:
-    """Our class 15 script on a board, in whichever folder; None where there is none."""
-    paths = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
-    return next((data for data in map(board.read, paths) if data is not None), None)
+    """The script that sets the matrix, ours before an owner's; None where there is none."""
+    for folder in scripts.SCRIPT_FOLDERS:
+        names = board.listing(folder) or []
+        for name in sorted(names, key=lambda name: (name != scripts.MATRIX_NAME, name)):
+            data = board.read(f"{folder}/{name}") if name.endswith(".lua") else None
+            if data is not None and (
+                name == scripts.MATRIX_NAME or matrix_line(data.decode("utf-8", "replace"))
+            ):
+                return data
+    return None
 
 
 def await_loader(

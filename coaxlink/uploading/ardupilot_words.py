@@ -119,6 +119,24 @@ class Words:
             clock.sleep(_AGAIN_S if about else 0.0)
 
 
+def matrix_scripts(texts: Mapping[str, bytes | None]) -> list[str]:
+    """Paths of the scripts other than ours that set the matrix, by themselves or by a module they take in."""
+    read = {p: d.decode("utf-8", "replace") for p, d in texts.items() if d is not None}
+    modules = {
+        p.partition("/modules/")[2].removesuffix(".lua")
+        for p, t in read.items()
+        if "/modules/" in p and matrix_line(t)
+    }
+    own = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
+    return [
+        p
+        for p, t in sorted(read.items())
+        if "/modules/" not in p
+        and p.rpartition("/")[2] not in own
+        and (matrix_line(t) or modules & set(required_modules(t)))
+    ]
+
+
 def foreign_matrix(texts: Mapping[str, bytes | None]) -> str:
     """Where another script than ours sets the matrix too, in words; "" where none does.
 

@@ -66,7 +66,13 @@ class Board(ABC):
 
     @abstractmethod
     def planned(
-        self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool, spin_from_table: bool = False
+        self,
+        plan: Plan,
+        snapshot: Snapshot,
+        *,
+        new_geometry: bool,
+        spin_from_table: bool = False,
+        take_over: bool = False,
     ) -> Content:
         """What a plan wants, as this board stores it. Raises SafetyRefusal when it is for another."""
 

@@ -13,9 +13,16 @@ from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.mavlink.parameters import FLOAT, Snapshot, Value
-from coaxlink.uploading.ardupilot_scripts import OURS, SCRIPT_S, ScriptFolder, await_loader, is_table
+from coaxlink.uploading.ardupilot_scripts import (
+    OURS,
+    SCRIPT_S,
+    ScriptFolder,
+    await_loader,
+    is_table,
+    matrix_script,
+)
 from coaxlink.uploading.ardupilot_table import moved_rotors, planned_table, present_table
-from coaxlink.uploading.ardupilot_words import Words, foreign_matrix
+from coaxlink.uploading.ardupilot_words import Words, foreign_matrix, matrix_scripts
 from coaxlink.uploading.backup import Backup, Note, write_backup
 from coaxlink.uploading.board import Board, Guard
 from coaxlink.uploading.content import BoardFiles, Content
@@ -75,7 +82,13 @@ class ArduPilotBoard(Board):
         return super().with_hidden(snapshot, [name for name in names if not name.startswith(_LIVE)])
 
     def planned(
-        self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool, spin_from_table: bool = False
+        self,
+        plan: Plan,
+        snapshot: Snapshot,
+        *,
+        new_geometry: bool,
+        spin_from_table: bool = False,
+        take_over: bool = False,
     ) -> Content:
         """Raises SafetyRefusal."""
         numbers = {n: v.value for n, v in snapshot.values.items()}
@@ -83,15 +96,16 @@ class ArduPilotBoard(Board):
         wanted = plan.rotor_count
         if wanted and now not in (0, wanted):
             raise SafetyRefusal(f"another vehicle: the table is for {wanted} rotors, the board drives {now}")
+        gone: dict[str, bytes | None] = {}
         if is_table(plan.scripts):
-            self._refuse_other_scripts()
+            gone = self._other_matrices(take_over)
             if not new_geometry:
                 self._refuse_other_motors(plan, snapshot)
         made = for_board(plan.params, numbers, spin_from_table=spin_from_table)
         for line in made.kept:
             self._talk.say(line)
         values = self._as_stored(made.params, snapshot)
-        return Content(values, self._folder.planned(plan.scripts, table=is_table(plan.scripts)))
+        return Content(values, {**self._folder.planned(plan.scripts, table=is_table(plan.scripts)), **gone})
 
     def loads(self, name: str) -> bool:
         """The loader's parameters live and die with its script."""
@@ -195,23 +209,28 @@ class ArduPilotBoard(Board):
 
     # -- parts ---------------------------------------------------------------------------------------------
 
-    def _refuse_other_scripts(self) -> None:
-        """A script of somebody else's that sets the matrix too, or keeps the board from arming."""
+    def _other_matrices(self, take_over: bool) -> dict[str, bytes | None]:
+        """Scripts of somebody else's that set the matrix too: with `take_over` to be removed (the backup has
+        them), else refused; refused as well is one that keeps the board from arming."""
         others = self._folder.others({self._folder.path + "/" + n: None for n in OURS}, modules=True)
-        if found := foreign_matrix(others):
-            raise SafetyRefusal(f"{found}, then upload again")
+        gone: dict[str, bytes | None] = dict.fromkeys(matrix_scripts(others)) if take_over else {}
+        for path in gone:
+            self._talk.say(f"{path} sets the matrix and makes way; `restore` of the backup puts it back")
+        if found := foreign_matrix({p: d for p, d in others.items() if p not in gone}):
+            raise SafetyRefusal(f"{found}; `take_over` removes it, and the backup keeps it")
         failed = [r for r in self._words.prearm() or () if "Scripting" in r and "CRC" not in r]
-        if failed and others and not self._folder.has_table:
+        if failed and others and not gone and not self._folder.has_table:
             names = ", ".join(sorted(others))
             raise SafetyRefusal(
                 f"a script on the card failed already ({failed[0]}): mend or remove it ({names})"
             )
+        return gone
 
     def _refuse_other_motors(self, plan: Plan, snapshot: Snapshot) -> None:
         """A frame of ArduPilot's own may number its motors in another way than the table (Y6 does)."""
         numbers = {n: v.value for n, v in snapshot.values.items()}
         new = planned_table(plan.params, plan.scripts)
-        old = present_table(numbers, lambda: self.files.read(f"{self._folder.path}/{scripts.MATRIX_NAME}"))
+        old = present_table(numbers, lambda: matrix_script(self.files))
         if old is None or new is None:
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
             self._talk.say(f"the motors of {frame} are not known here: check each with `turn_motors`")

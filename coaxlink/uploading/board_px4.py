@@ -30,7 +30,13 @@ class Px4Board(Board):
     holds = frozenset(PARAMETERS)
 
     def planned(
-        self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool, spin_from_table: bool = False
+        self,
+        plan: Plan,
+        snapshot: Snapshot,
+        *,
+        new_geometry: bool,
+        spin_from_table: bool = False,
+        take_over: bool = False,
     ) -> Content:
         """Raises SafetyRefusal."""
         refuse_table(plan, self.session.identity, snapshot.values, new_geometry=new_geometry)

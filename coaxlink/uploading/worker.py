@@ -89,10 +89,12 @@ class Uploader:
         new_geometry: bool = False,
         reboot: bool = False,
         spin_from_table: bool = False,
+        take_over: bool = False,
     ) -> Outcome:
         """Put a plan on board; with `reboot`, restart the autopilot in any case and read the table again.
 
-        What the owner of the board tuned stays (`owners_numbers`); `spin_from_table` takes the plan's.
+        What the owner of the board tuned stays (`owners_numbers`); `spin_from_table` takes the plan's. With
+        `take_over` an ArduPilot owner's own matrix script makes way; the backup puts it back.
         """
         self._files = tuple(str(path) for path in plan.files)
 
@@ -102,7 +104,11 @@ class Uploader:
 
         def wanted(board: Snapshot) -> Content:
             return self._board.planned(
-                plan, board, new_geometry=new_geometry, spin_from_table=spin_from_table
+                plan,
+                board,
+                new_geometry=new_geometry,
+                spin_from_table=spin_from_table,
+                take_over=take_over,
             )
 
         def proved() -> None:

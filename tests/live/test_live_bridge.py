@@ -18,7 +18,7 @@ from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.live.bridge import board_factors
 from coaxlink.live.mixer import LiveMixer
-from coaxlink.live.motor_test import turn_motors
+from coaxlink.live.motor_test import Seen, turn_motors
 from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.uploading.ardupilot_scripts import ScriptFolder, is_table
@@ -195,10 +195,10 @@ def test_each_motor_is_turned_by_its_number_whatever_the_frames_test_order() -> 
 
     ground, turning = Frame(airborne=False), []
 
-    def ask(number: int, where: str) -> bool:
+    def ask(number: int, where: str) -> Seen:
         ground.fly(0.2)
         turning.append((number, [i + 1 for i, u in enumerate(ground.rows[-1].commands) if u > 0.05]))
-        return True
+        return Seen((number,))
 
     turn_motors(Companion(ground).session, replace(X8, rotors=X8.rotors[:2]), ask)
     assert turning == [(1, [1]), (2, [1, 2])]  # the first still turns: 1.5 s each

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_flight import EXAMPLES, X8, Companion, Faults, Flight, LiveLine
+from live_flight import EXAMPLES, Faults, Flight, LiveLine
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.cli import build_app
 from coaxlink.cli.mix import _line, _lost
 from coaxlink.cli.shared.shell import run
 from coaxlink.data.logs.live_record import MAGIC, RECORD, read_record
-from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.live.motor_test import mount, turn_motors
+from coaxlink.errors import InputError
 from coaxlink.live.record import LiveRecord
 from coaxlink.mavlink.opening import connect
 
@@ -107,22 +106,6 @@ def test_commands_that_never_arrive_are_told_and_exit_code_1(mix: Verb, capsys: 
 
 
 @pytest.mark.slow
-def test_with_propellers_off_each_motor_is_asked_about(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any
-) -> None:
-    verb, typed, result = Verb(Flight(airborne=False), monkeypatch), ["they are on"], tmp_path / "mix.json"
-    monkeypatch.setattr("typer.prompt", lambda *_, **__: typed[0])
-    monkeypatch.setattr("typer.confirm", lambda text, **_: "rotor 3" not in text)
-    assert verb("--props-off") == 4
-    typed[0] = "they are off"
-    assert verb("--props-off", "--json", str(result)) == 1
-    said = capsys.readouterr()
-    assert "rotor 3: rear left, upper, counter-clockwise from above: WRONG" in said.out
-    assert "rotor 3: not where" in said.err and said.out.count("right\n") == 7
-    assert [m["motor"] for m in json.loads(result.read_text())["motors"]] == list(range(1, 9))
-
-
-@pytest.mark.slow
 def test_a_loop_that_fails_is_exit_code_1_and_another_companion_4(mix: Verb, capsys: Any) -> None:
     clock, rival = (
         mix.flight.clock,
@@ -178,21 +161,3 @@ def test_a_cut_record_is_read_to_its_last_whole_row_and_a_foreign_file_is_refuse
     path.write_bytes(b"something else\n{}\n")
     with pytest.raises(InputError, match="not a live record"):
         read_record(path)
-
-
-@pytest.mark.slow
-def test_motors_are_turned_one_by_one_on_the_ground_and_never_when_armed() -> None:
-    ground = Flight(airborne=False)
-    session, frame = Companion(ground).session, X8
-    assert mount(frame.rotors[0]) == "front right, upper, counter-clockwise from above"
-    assert mount(frame.rotors[7]) == "rear left, lower, clockwise from above"
-    turned: list[int] = []
-    session.subscribe(lambda m: turned.append(m.command) if m.get_type() == "COMMAND_ACK" else None)
-    answers = turn_motors(session, frame, lambda number, where: number != 3)
-    assert [a.number for a in answers] == list(range(1, 9))
-    assert [a.number for a in answers if not a.right] == [3]
-    assert turned.count(310) == 8
-    ground.autopilot.arm()
-    ground.fly(2.0)
-    with pytest.raises(SafetyRefusal, match="armed"):
-        turn_motors(session, frame, lambda number, where: True)

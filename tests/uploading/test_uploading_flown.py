@@ -10,6 +10,8 @@ from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.reboot import reboot
+from coaxlink.setup import ardupilot_layout
+from coaxlink.uploading.ardupilot_scripts import matrix_script
 from coaxlink.uploading.ardupilot_words import foreign_matrix
 from coaxlink.uploading.backup import read_backup, write_backup
 from coaxlink.uploading.owners_numbers import for_board
@@ -72,6 +74,44 @@ def test_another_script_on_the_card(tables, tmp_path, text, result, code, says):
         assert (outcome.error.exit_code if outcome.error else 0) == code
         if result != "verified":
             assert Parameters(session).read("FRAME_CLASS").value == 4
+
+
+@pytest.mark.slow
+def test_an_owners_matrix_is_taken_over_and_put_back(tables, tmp_path):
+    """Read by `init` from the card, removed by the upload, whole again after the restore."""
+    rows = [
+        (-1, 1, 1),
+        (1, 1, -1),
+        (1, -1, 1),
+        (-1, -1, -1),
+        (1, 1, 1),
+        (-1, 1, -1),
+        (-1, -1, 1),
+        (1, -1, -1),
+    ]
+    calls = "".join(
+        f"MotorsMatrix:add_motor_raw({n}, {r}, {p}, {y}, {n + 1})\n" for n, (r, p, y) in enumerate(rows)
+    )
+    owners = f"{calls}assert(MotorsMatrix:init(8))\n".encode()
+    with standin("ardupilot") as board, meet(board) as session:
+        _put(session, "own.lua", owners)
+        parameters = Parameters(session)
+        parameters.write_many(
+            [parameters.encode("SCR_ENABLE", 1, 2), parameters.encode("FRAME_CLASS", 15, 2)]
+        )
+        reboot(session, 0.4)
+        read = ardupilot_layout({"FRAME_CLASS": 15}, "board", lambda: matrix_script(Files(session)))
+        assert [m.spin for m in read.mounts] == ["ccw", "cw"] * 4
+        worker, plan = _ap(session, tmp_path), load_plan(tables["matrix"])
+        assert "`take_over` removes it" in worker.upload(plan).reason
+        done = worker.upload(plan, take_over=True)
+        assert done.result == "verified", done.reason
+        assert Files(session).read("/APM/scripts/own.lua") is None
+        assert verify(session, plan).holds
+        back = worker.restore(read_backup(Path(done.backup)))
+        assert back.result == "verified", back.reason
+        assert Files(session).read("/APM/scripts/own.lua") == owners
+        assert Files(session).read("/APM/scripts/coaxlink_matrix.lua") is None
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ def after_compare(airframe: Path, rotor: Path | None) -> str:
 def after_upload(source: Path, connect: str) -> str:
     """What a table on board calls for."""
     return (
-        "next: props off, each motor once (mix --props-off, or QGC's Actuators page), then tethered; "
+        "next: props off, each motor once (coaxlink motors, or QGC's Actuators page), then tethered; "
         f"after flights coaxlink verify {source} --connect {connect}"
     )
 
