@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,8 +60,7 @@ def motors(
         introduced(line) as session,
     ):
         alone(session)
-        typed = typer.prompt(f"Are all propellers off? Type: {_OFF}", err=True)
-        if typed.strip() != _OFF:
+        if _answer(f"Are all propellers off? Type: {_OFF}: ") != _OFF:
             raise SafetyRefusal("motors are tested with the propellers off")
         ask = _asker(frame)
         answers = turn_motors(session, frame, ask, tuple(numbers or ()), throttle / 100.0)
@@ -97,23 +96,38 @@ def _asker(frame: Airframe) -> Callable[[int, str], Seen]:
     rotors = {rotor.number: rotor for rotor in frame.rotors}
 
     def ask(number: int, where: str) -> Seen:
-        said = typer.prompt(
-            f"rotor {number} ({where}): which rotor turned? 0 for none", default=str(number), err=True
-        )
-        try:
-            seen = tuple(int(part) for part in said.replace(",", " ").split() if int(part))
-        except ValueError as error:
-            raise InputError("rotor", said, "the number of a rotor is expected") from error
-        if unknown := [n for n in seen if n not in rotors]:
-            raise InputError("rotor", str(unknown[0]), f"numbers from 1 to {len(rotors)} are expected")
+        seen = None
+        while seen is None:
+            said = _answer(f"rotor {number} ({where}): which rotor turned? [{number}, 0 for none] ")
+            seen = _numbers(said or str(number), rotors)
         if not seen:
             return Seen(())
         wanted = SPINS[rotors[seen[0]].yaw_sign]
         turn = "counter-clockwise" if wanted == "ccw" else "clockwise"
-        right = typer.confirm(f"did rotor {seen[0]} turn {turn}, seen from above?", default=True, err=True)
-        return Seen(seen, wanted if right else ("cw" if wanted == "ccw" else "ccw"))
+        said = _answer(f"did rotor {seen[0]} turn {turn}, seen from above? [Y/n] ")
+        other = "cw" if wanted == "ccw" else "ccw"
+        return Seen(seen, other if said.lower().startswith("n") else wanted)
 
     return ask
+
+
+def _numbers(said: str, rotors: Container[int]) -> tuple[int, ...] | None:
+    """Numbers of rotors in an answer, () for none, None where it is no answer."""
+    parts = said.replace(",", " ").split()
+    if not all(part.isdecimal() and (int(part) in rotors or not int(part)) for part in parts):
+        say(f"numbers of rotors are expected, found '{said}'")
+        return None
+    return tuple(int(part) for part in parts if int(part))
+
+
+def _answer(question: str) -> str:
+    """One line from the keyboard; the question is talk. Raises InputError at the end of it."""
+    sys.stderr.write(question)
+    sys.stderr.flush()
+    line = sys.stdin.readline()
+    if not line:
+        raise InputError("motors", "", "an answer is expected at the keyboard, found the end of input")
+    return line.strip()
 
 
 def _write(out: Path, change: Mending, *, px4: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -120,24 +121,21 @@ def test_the_verb_asks_which_and_which_way_and_writes_what_to_change(
         return connect(url, transport=here, clock=ground.clock, **options)
 
     monkeypatch.setattr("coaxlink.mavlink.connect", opened)
-    typed = {"propellers": "they are on", "rotor 3": "7", "rotor 7": "3"}
-
-    def prompt(text: str, default: str = "", **_: Any) -> str:
-        return next(
-            (said for key, said in typed.items() if text.startswith(key) or key in text[:20]), default
-        )
-
-    monkeypatch.setattr("typer.prompt", prompt)
-    monkeypatch.setattr("typer.confirm", lambda text, **_: "rotor 5" not in text)
     out, result = tmp_path / "mend.params", tmp_path / "motors.json"
     words = ["motors", AIRFRAME, "--connect", ground.url(), "--out", str(out), "--json", str(result)]
-    assert run(build_app(), words) == 4
-    typed["propellers"] = "they are off"
+    for typed, code in (("they are on\n", 4), ("they are off\n", 2)):
+        monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+        assert run(build_app(), words) == code
+    asked = ["\n", "\n", "7\n", "\n", "\n", "\n", "99\nx\n3\n", "\n"]
+    ways = ["\n"] * 4 + ["n\n"] + ["\n"] * 3
+    typed = "they are off\n" + "".join(a + b for a, b in zip(asked, ways, strict=True))
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
     assert run(build_app(), words) == 1
     said = capsys.readouterr()
+    assert said.out.startswith("rotor 1: ")
     assert "rotor 3: rear left, upper, counter-clockwise from above: WRONG, turned: 7 ccw" in said.out
     assert said.out.count(": right\n") == 5 and "rotor 5 turns the other way" in said.out
-    assert "rotor 3, 5, 7: not where" in said.err
+    assert "rotor 3, 5, 7: not where" in said.err and "found '99'" in said.err
     document = json.loads(result.read_text())
     assert [m["motor"] for m in document["motors"]] == list(range(1, 9))
     assert read_params(out).params == {c["name"]: c["new"] for c in document["changes"]}
