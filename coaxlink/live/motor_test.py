@@ -191,12 +191,19 @@ def _test_places(session: Session, airframe: Airframe) -> tuple[dict[int, int], 
     if session.identity.is_px4:
         return {n: n for n in numbers}, {n: (n,) for n in numbers}
     places = _order(session)
-    if len(numbers) == 2 * len(places):  # each motor function on two outputs
-        count = len(places)
+    count = len(places)
+    if len(numbers) == 2 * count and _doubled(session, count):
         return dict(enumerate(places, start=1)), {n: (n, n + count) for n in range(1, count + 1)}
     if max(numbers) > len(places):
         raise SafetyRefusal(f"the frame on board has {len(places)} rotors, the airframe file {len(numbers)}")
     return {n: places[n - 1] for n in numbers}, {n: (n,) for n in numbers}
+
+
+def _doubled(session: Session, count: int) -> bool:
+    """Whether each of so many motor functions is on two outputs of an ArduPilot."""
+    names = [f"SERVO{n}_FUNCTION" for n in range(1, 33)]
+    held = [v.value for v in Parameters(session).read_many(names, missing_ok=True).values()]
+    return all(held.count(servo_function(motor)) == 2 for motor in range(1, count + 1))
 
 
 def _order(session: Session) -> tuple[int, ...]:

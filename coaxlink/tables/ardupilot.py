@@ -108,7 +108,7 @@ def report_ap(
         else:
             texts = {scripts.MATRIX_NAME: scripts.matrix_script(factors, title=title)}
     except TableError as error:
-        raise InputError(source, "rotors", f"ArduPilot cannot hold this table: {error}") from error
+        raise InputError(source, "rotors", f"no table for ArduPilot: {error}") from error
     flown = behaviour(vehicle, ap_speeds(mix))
     findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY_M_S2)]
     hover = min(max(flown.hover or HOVER[1], HOVER[0]), HOVER[1])

@@ -233,7 +233,7 @@ class ArduPilotBoard(Board):
         old = present_table(numbers, lambda: matrix_script(self.files))
         if old is None or new is None:
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
-            self._talk.say(f"the motors of {frame} are not known here: check each with `turn_motors`")
+            self._talk.say(f"the motors of {frame} are not known to coaxlink: check each with `turn_motors`")
             return
         moved = moved_rotors(old, new)
         if moved:

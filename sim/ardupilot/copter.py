@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS, servo_function
 from sim.ardupilot.files import Card
 from sim.ardupilot.mixer import SCRIPTED, ArduPilotMixer
 from sim.ardupilot.own_values import OwnValues
@@ -172,7 +173,7 @@ class Copter(Autopilot):
             return f"PreArm: Scripting: loaded CRC incorrect want: 0x{self.scripts.checksum:x}"
         motors = len(self.mixer.mix.factors)
         have = {int(self.store[f"SERVO{n}_FUNCTION"]) for n in range(1, 17)}
-        missing = [n for n in range(1, motors + 1) if (32 + n if n <= 8 else 73 + n) not in have]
+        missing = [n for n in range(1, motors + 1) if servo_function(n) not in have]
         if missing:
             return f"PreArm: Motors: no SERVOx_FUNCTION set to Motor{missing[0]}"
         return ""
@@ -293,7 +294,7 @@ class Copter(Autopilot):
         ] or motors
         for n in range(self.rotors):
             function = int(self.store[f"SERVO{n + 1}_FUNCTION"])
-            motor = function - 33 if 33 <= function <= 40 else function - 74 if 82 <= function <= 85 else -1
+            motor = MOTOR_FUNCTIONS.get(function, 0) - 1
             if 0 <= motor < len(motors):
                 self._pwm[n] = motors[motor]
             held = self.scripts.held(n)

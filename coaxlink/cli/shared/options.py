@@ -22,6 +22,7 @@ OPTIONS = {
     "form": "--form",
     "frame_class": "--frame-class",
     "height_m": "--height",
+    "identify": "coaxlink identify",
     "join": "--join",
     "keep_gains": "--keep-gains",
     "law": "--law",

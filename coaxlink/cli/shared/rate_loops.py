@@ -103,13 +103,26 @@ def _mixes(
 
     try:
         if plan.firmware == "px4":
-            return [px4_speeds(px4.realise(params)) for params in (board, {**board, **plan.params})]
+            tables = [px4.realise(params) for params in (board, {**board, **plan.params})]
+            _refuse_other_count(*(len(table.mix) for table in tables))
+            return [px4_speeds(table) for table in tables]
         held = next((d for p, d in on_board.items() if p.endswith(scripts.MATRIX_NAME)), None)
         made = for_board(plan.params, board, spin_from_table=spin_from_table).params
         old, new = present_table(board, lambda: held), planned_table({**board, **made}, plan.scripts)
         if old is None or new is None:
             frame = board.get("FRAME_CLASS", 0)
-            raise CheckFailed(f"the board flies a matrix that is not known here (FRAME_CLASS {frame:g})")
-        return [ap_speeds(ardupilot.realise(table)) for table in (old, new)]
+            raise CheckFailed(
+                f"the board flies a matrix that is not known to coaxlink (FRAME_CLASS {frame:g})"
+            )
+        mixes = [ardupilot.realise(table) for table in (old, new)]
+        _refuse_other_count(*(len(mix.factors) for mix in mixes))
+        return [ap_speeds(mix) for mix in mixes]
     except (FirmwareParamsError, ValueError, IndexError) as error:
         raise CheckFailed(str(error)) from error
+
+
+def _refuse_other_count(now: int, new: int) -> None:
+    from coaxlink.errors import CheckFailed
+
+    if now != new:
+        raise CheckFailed(f"the board flies {now} rotors now, the table has {new}")
