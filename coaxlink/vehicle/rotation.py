@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from coaxlink.airframe import Airframe
-from coaxlink.rotor.model import CO_ROTATING, RotorModel
+from coaxlink.rotor.model import CO_ROTATING
+from coaxlink.vehicle.vehicle import Vehicle
 
 
-def turned_otherwise(airframe: Airframe, model: RotorModel) -> str:
+def turned_otherwise(vehicle: Vehicle) -> str:
     """What the model is taken for and nobody measured, in words; "" where pairs turn as it says.
 
     A lower rotor meets the swirl of the upper one: against it, it works as a stator would and gives more
     thrust; with it, less. No model of one kind of pair tells the other's.
     """
+    airframe, model = vehicle.airframe, vehicle.model
     alike = set(airframe.co_rotating)
     wrong = [pair for pair in airframe.pairs if (pair in alike) != (model.rotation == CO_ROTATING)]
     if not wrong:

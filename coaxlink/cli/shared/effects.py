@@ -53,7 +53,7 @@ def vehicle_of(
     at = Conditions(voltage, height, climb, air_density_kg_m3=density)
     vehicle = load_vehicle(airframe, rotor, at, measured_live=measured_live)
     _say_unused(vehicle)
-    if premise := turned_otherwise(vehicle.airframe, vehicle.model):
+    if premise := turned_otherwise(vehicle):
         say(f"not measured: {premise} (`coaxlink identify --co-rotating`)")
     path = rotor or vehicle.declared.rotor_model
     assert path is not None
