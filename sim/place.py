@@ -25,9 +25,5 @@ class Place:
         """North and east, m."""
         return (lat - self.lat) * M_PER_DEG, (lon - self.lon) * M_PER_DEG * math.cos(math.radians(self.lat))
 
-    def moved(self, north: float, east: float) -> Place:
-        """Another home, at the same height."""
-        return Place(*self.geodetic(north, east), self.alt)
-
 
 HOME = Place()

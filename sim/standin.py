@@ -70,8 +70,26 @@ class Standin:
         autopilot.exchange = self._exchange
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Until `stop()`; speed 0 is as fast as it goes."""
-        run([self], self.speed, stop)
+        """Step by step, until `stop()`; speed 0 is as fast as it goes."""
+        tick, speed, self.stop = 1.0 / RATE_HZ, self.speed, stop
+        start, done, beat = time.monotonic(), 0, 0.0
+        while not stop():
+            self.tick()
+            done += 1
+            now = time.monotonic()
+            if now - beat > 1.0:
+                beat = now
+                self.live_sign()
+            if not speed:
+                continue
+            ahead = start + done * tick / speed - now
+            if ahead < -SLIP_S:
+                start, done = now, 0
+            # short naps cost more than they pace
+            while ahead > 0.001:
+                wait(self.ports, ahead)
+                self.hear()
+                ahead = start + done * tick / speed - time.monotonic()
 
     def live_sign(self) -> None:
         """However slow the vehicle's clock, who listens must see that it lives."""
@@ -223,32 +241,3 @@ class Standin:
             wait(self.ports, min(left, LOOK_UP_S))
             self.hear()
         return True
-
-
-def run(standins: Sequence[Standin], speed: float, stop: Callable[[], bool]) -> None:
-    """All on one clock, step by step, until `stop()`; speed 0 is as fast as they go."""
-    tick = 1.0 / RATE_HZ
-    ports = [port for standin in standins for port in standin.ports]
-    for standin in standins:
-        standin.stop = stop
-    start, done, beat = time.monotonic(), 0, 0.0
-    while not stop():
-        for standin in standins:
-            standin.tick()
-        done += 1
-        now = time.monotonic()
-        if now - beat > 1.0:
-            beat = now
-            for standin in standins:
-                standin.live_sign()
-        if not speed:
-            continue
-        ahead = start + done * tick / speed - now
-        if ahead < -SLIP_S:
-            start, done = now, 0
-        # short naps cost more than they pace
-        while ahead > 0.001:
-            wait(ports, ahead)
-            for standin in standins:
-                standin.hear()
-            ahead = start + done * tick / speed - time.monotonic()

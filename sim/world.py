@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import string
 import time
@@ -21,7 +20,6 @@ from sim.line.wire import Clock, parse_faults
 from sim.physics.escs import KINDS, MEASURED
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
-from sim.place import HOME
 from sim.px4.coax_module import CoaxFirmware
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
@@ -34,7 +32,6 @@ LAST_PATCH = {(1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
 SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
 
 
-MOST_VEHICLES, APART_M = 50, 5.0
 KEY_FILE = 4096  # bytes; a passphrase is shorter
 UID_BITS = 96  # an STM32's
 SCRIPTS_START_S = 2.0  # of an ArduPilot's start; it speaks again 1.5 s after a reboot
@@ -55,21 +52,17 @@ class World:
     signing_key: Path | None = None
     lockstep: bool = False
     memory: Path | None = None  # what survives a power cut
-    uid: str = ""  # of the board, hex; the next vehicle's is one more
+    uid: str = ""  # of the board, hex
     escs: str = MEASURED  # what they tell, of `escs.KINDS`
     module: CoaxFirmware | None = None  # PX4: built into the firmware, started by the card's extras.txt
 
 
-def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
-    """The ports to listen on, or PX4's own two; those of vehicle `number` (from 0) are so much higher.
-
-    A ground station's port is one for all, as with PX4. Raises WorldError, PortError.
-    """
+def open_links(addresses: Sequence[str]) -> list[Port]:
+    """The ports to listen on, or PX4's own two. Raises WorldError, PortError; then none stays open."""
     ports: list[Port] = []
     try:
         for address in addresses or SITL:
-            shared = not addresses and address == SITL[0]
-            ports.append(open_port(address if shared else _higher(address, number)))
+            ports.append(open_port(address))
     except Exception:
         for port in ports:
             port.close()
@@ -77,38 +70,13 @@ def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
     return ports
 
 
-def _higher(address: str, number: int) -> str:
-    head, _, port = address.rpartition(":")
-    return f"{head}:{int(port) + number}" if number and port.isdecimal() and int(port) else address
-
-
-def build_many(world: World, count: int, addresses: Sequence[str], speed: float) -> list[Standin]:
-    """`count` vehicles of a world: system ids from 1, seeds from the world's, homes 5 m apart eastwards.
-
-    Raises WorldError, PortError; then no port stays open.
-    """
-    if not 1 <= count <= MOST_VEHICLES:
-        raise WorldError("--vehicles", "", f"1 to {MOST_VEHICLES} are expected, found {count}")
-    links: list[list[Port]] = []
-    try:
-        for number in range(count):
-            links.append(open_links(addresses, number))
-        owns = [dataclasses.replace(world, seed=world.seed + number) for number in range(count)]
-        return [build(own, ports, speed, n) for n, (own, ports) in enumerate(zip(owns, links, strict=True))]
-    except Exception:
-        for port in [port for ports in links for port in ports]:
-            port.close()
-        raise
-
-
 def build(
     world: World,
     ports: Sequence[Port],
     speed: float = 1.0,
-    number: int = 0,
     clock: Clock = time.monotonic,
 ) -> Standin:
-    """A stand-in ready to run, the one of that number of its world. Raises WorldError."""
+    """A stand-in ready to run. Raises WorldError."""
     from sim.px4.autopilot import Autopilot
     from sim.px4.logger import UlogLogger
 
@@ -128,13 +96,13 @@ def build(
         copter = Copter(plant, truth, version=version, seed=world.seed)
         copter.scripts_start_s = SCRIPTS_START_S
         DataFlashLogger(copter)
-        _settle(copter, number, uid)
+        copter.uid = uid
         copter.escs = _escs(world.escs)
         common["memory"] = _memory(world.memory, copter, clock, lazy=False)
         return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
     UlogLogger(autopilot)
-    _settle(autopilot, number, uid)
+    autopilot.uid = uid
     autopilot.escs = _escs(world.escs)
     autopilot.firmware_module = world.module
     autopilot.files.make("etc")
@@ -163,14 +131,6 @@ def _escs(kind: str) -> str:
     if kind not in KINDS:
         raise WorldError("--esc", "", f"one of {', '.join(KINDS)} is expected, found '{kind}'")
     return kind
-
-
-def _settle(autopilot: Any, number: int, uid: int) -> None:
-    """A number, a board and a place of its own."""
-    autopilot.store.preset(autopilot.id_parameter, number + 1)
-    autopilot.system = number + 1
-    autopilot.uid = (uid + number) % (1 << UID_BITS)
-    autopilot.home = HOME.moved(0.0, APART_M * number)
 
 
 def read_key(path: Path) -> bytes:

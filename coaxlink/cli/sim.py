@@ -37,16 +37,11 @@ def sim(
     wire: Annotated[
         str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
     ] = "",
-    vehicles: Annotated[
-        int, typer.Option(help="So many, on ports one after another, with system ids from 1.")
-    ] = 1,
     signing_key: Annotated[Path | None, typer.Option(help="Sign all links, take nothing unsigned.")] = None,
     memory: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Parameters and files that survive kill -9.")
     ] = None,
-    uid: Annotated[
-        str, typer.Option(metavar="HEX", help="The board's id, 0: none; the next vehicle's is one more.")
-    ] = "",
+    uid: Annotated[str, typer.Option(metavar="HEX", help="The board's id, 0: none.")] = "",
     esc: Annotated[
         str, typer.Option(help="What ESCs report: measured, sitl (as the real simulations) or none.")
     ] = "measured",
@@ -81,24 +76,19 @@ def sim(
         raise InputError("--speed", "", f"a positive number, or 0, is expected, found {speed}")
     if truth is not None and hidden_seed is not None:
         raise InputError("--hidden-seed", "", "not with --truth")
-    if vehicles != 1 and (bridge or flight or stand is not None):
-        raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
     if flight and not firmware.startswith("px4"):
         raise InputError("--fly", "", "flies PX4's stand-in alone; others: --listen, and coaxlink fly")
     if memory is not None:
         files.refuse_unwritable(memory)
-    if memory and vehicles != 1:
-        raise InputError("--memory", "", "not with --vehicles")
-    if (log or tlog) and (bridge or vehicles != 1):
-        raise InputError("--log, --tlog", "", "not with --bridge or --vehicles")
+    if (log or tlog) and bridge:
+        raise InputError("--log, --tlog", "", "not with --bridge")
     if tlog and flight:
         raise InputError("--tlog", "", "not with --fly")
     with world_errors():
         if stand is not None:
             _measure(stand, rotor, truth, seed, schedule)
             return
-        from sim.standin import run
-        from sim.world import World, build, build_bridge, build_many
+        from sim.world import World, build, build_bridge, open_links
 
         world = World(
             airframe or files.example("x8_demo.toml"),
@@ -123,15 +113,16 @@ def sim(
             tell = partial(_tell, bridge)
             _bridge(build_bridge(world, bridge, (listen or [""])[0], speed, tell), bridge)
             return
-        standins = build_many(world, vehicles, listen or [], speed)
-        ports = [port for standin in standins for port in standin.ports]
+        ports: list[Any] = open_links(listen or [])
         try:
-            _record(standins[0], log, tlog)
-            _fly(lambda stop: run(standins, speed, stop), firmware, ports)
-            if standins[0].recorder is not None:
-                standins[0].recorder.close()
+            standin = build(world, ports, speed)
+            _record(standin, log, tlog)
+            ports = standin.ports
+            _fly(standin.run, firmware, ports)
+            if standin.recorder is not None:
+                standin.recorder.close()
         finally:
-            for port in [port for standin in standins for port in standin.ports]:
+            for port in ports:
                 port.close()
 
 

@@ -1,68 +1,22 @@
-"""What goes through real sockets and processes: three vehicles, TCP, a port that is taken, logs."""
+"""What goes through real sockets and processes: TCP, a port that is taken, logs."""
 
 from __future__ import annotations
 
-import math
 import socket
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from ground import client, command, get
+from ground import client, get
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as m
-from sim_pilot import X8, Pilot
+from sim_pilot import Pilot
 
-from coaxlink.studies.simulator import free_port
 from sim.errors import SimError, WorldError
 from sim.line.links import open_port, wait
 from sim.recorder import CsvRecorder, TlogPort
-from sim.testing import standin, standins
-from sim.world import World, build_many
-
-
-@pytest.mark.slow
-def test_three_fly_at_once() -> None:
-    with ExitStack() as stack:
-        ports = stack.enter_context(standins("--vehicles", "3", "--speed", "4"))
-        links = [stack.enter_context(client(port)) for port in ports]
-        assert [link.target_system for link in links] == [1, 2, 3]
-        boards = set()
-        for system, link in enumerate(links, 1):
-            link.mav.param_set_send(system, 1, b"COM_DISARM_PRFLT", -1.0, 9)
-            assert command(link, 512, 148, system=system) == 0
-            boards.add(bytes(get(link, "AUTOPILOT_VERSION").uid2))
-        assert len(boards) == 3
-        for system, link in enumerate(links, 1):
-            assert command(link, 400, 1, system=system) == 0
-            assert (
-                command(link, 22, 0, 0, 0, math.nan, math.nan, math.nan, 490.0 + system, system=system) == 0
-            )
-        for system, link in enumerate(links, 1):
-            high = -1.75 - system
-            assert get(link, "LOCAL_POSITION_NED", met=lambda p, h=high: p.z < h) is not None
-        assert command(links[1], 21, system=2) == 0
-        assert get(links[1], "HEARTBEAT", met=lambda h: not h.base_mode & 128) is not None
-        assert get(links[0], "HEARTBEAT").base_mode & 128 and get(links[2], "HEARTBEAT").base_mode & 128
-
-
-def test_ports_follow_one_another_and_are_let_go() -> None:
-    base, world = free_port(), World(X8)
-    address = f"udpin:127.0.0.1:{base}"
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", base + 2))
-        with pytest.raises(SimError, match="cannot be opened"):
-            build_many(world, 3, [address], 1.0)
-    fleet = build_many(world, 3, [address], 1.0)
-    assert [port.name for one in fleet for port in one.ports] == [
-        f"udpin:127.0.0.1:{base + k}" for k in range(3)
-    ]
-    for one in fleet:
-        one.ports[0].close()
-    with pytest.raises(WorldError, match="1 to 50"):
-        build_many(world, 0, [address], 1.0)
+from sim.testing import standin
 
 
 @pytest.mark.slow
