@@ -24,13 +24,20 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
 
 LAW_HEADS = (
-    "law", "thrust N", "roll N m", "pitch N m", "yaw N m", "power", "N/W", "ceiling N", "yaw to bound N m"
+    "law, before any integrator", "thrust error, N", "roll, N m", "pitch, N m", "yaw, N m", "power, N m",
+    "thrust for power, N/W", "ceiling, N", "yaw authority, N m",
 )  # fmt: skip
 
 
 def compare(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
+    connect: Annotated[
+        str, typer.Option(metavar="URL", help="Autopilot whose present table is weighed beside these.")
+    ] = "",
+    every: Annotated[
+        bool, typer.Option("--all", help="Every table and law, not the three that serve.")
+    ] = False,
     printed: Annotated[
         bool, typer.Option("--printed", help="Also the paper's mixers with the numbers and slips it prints.")
     ] = False,
@@ -74,40 +81,39 @@ def compare(
     say_effects(vehicle)
     frame = vehicle.airframe
     load = table_views.load_shares(frame, light, heavy)
+    worths = table_views.weigh_tables(vehicle, load, connect)
+    shown = worths.rows if every or not worths.serving() else worths.serving()
     fitted = FittedLaw(vehicle)
     wrenches = envelope(frame, rows, seed=2)
     result = weigh(vehicle, _laws(vehicle, fitted, printed=printed), wrenches)
-    worths = table_views.weigh_tables(vehicle, load)
     battery = (frame.battery_Wh if battery_wh is None else battery_wh, drive_efficiency)
     low, high = wrenches.min(axis=0), wrenches.max(axis=0)
-    said = (
-        f"{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
-        f"{low[0]:.0f}..{high[0]:.0f} N, "
-        f"roll and pitch to {high[1]:.1f} N m, yaw to {high[3]:.1f} N m "
-        "(most of curved's is a constant gain, which the learnt hover thrust takes off)"
-    )
+    laws = [_cells(row) for row in result] if every or printed else []
     screen = console()
-    table_views.show_worths(screen, frame, worths, *battery)
-    screen.print(f"\n{said}")
-    table = Table(*LAW_HEADS, box=None)
-    for row in result:
-        table.add_row(*_cells(row))
-    screen.print(table)
+    table_views.show_worths(screen, frame, worths, shown, battery)
+    if laws:
+        screen.print(
+            f"\nmean |error| over {rows} wrenches, {low[0]:.0f} to {high[0]:.0f} N, "
+            f"roll and pitch to {high[1]:.1f} N m, yaw to {high[3]:.1f} N m"
+        )
+        table = Table(*LAW_HEADS, box=None)
+        for cells in laws:
+            table.add_row(*cells)
+        screen.print(table)
     if out or report:
-        from coaxlink.constants import GRAVITY_M_S2
         from coaxlink.report.compare_page import compare_page
         from coaxlink.report.made import Made
         from coaxlink.report.pictures.figures import write_figure
         from coaxlink.report.pictures.mixers import draw_comparison
 
         made = Made.now([f for f in (airframe, rotor or frame.rotor_model) if f is not None], frame.name)
-        picture = draw_comparison(frame.name, frame.mass_kg * GRAVITY_M_S2, result, fitted.table, made.line())
+        picture = draw_comparison(frame.name, worths, shown, made.line())
         if out:
             write_figure(out, picture)
             say(f"wrote {out}")
         if report:
-            laws = (LAW_HEADS, [_cells(row) for row in result])
-            files.write_atomic(report, compare_page(frame.name, picture, worths, laws, said, made, battery))
+            page = compare_page(frame.name, picture, worths, shown, (LAW_HEADS, laws), made, battery)
+            files.write_atomic(report, page)
             say(f"wrote {report}")
     if json_file:
         from coaxlink.report.worth import to_json

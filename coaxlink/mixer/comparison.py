@@ -20,8 +20,6 @@ from coaxlink.mixer.law import Law
 from coaxlink.mixer.worth import TableOnRotors, reach, solve
 from coaxlink.vehicle import Vehicle
 
-THRUSTS = np.linspace(0.4, 1.8, 29)  # of the weight, for the curve
-
 
 @dataclass(frozen=True)
 class Row:
@@ -34,7 +32,6 @@ class Row:
     efficiency_N_W: float  # thrust over shaft power, over the envelope
     ceiling_N: float  # level thrust, the most of any demand
     yaw_Nm: float  # in hover until the first rotor is at its bound: `worth.reach`; NaN without a hover
-    thrust_error_N: NDArray[np.float64]  # (len(THRUSTS),) in level flight
 
     def to_json(self) -> dict[str, Any]:
         """As `coaxlink compare --json` writes it."""
@@ -65,9 +62,6 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
 
     delivered, power = flown(wrenches)
     error = np.abs(delivered - wrenches)
-    level = np.zeros((len(THRUSTS), 4))
-    level[:, 0] = THRUSTS * weight
-    lifted = flown(level)[0][:, 0]
     full = float(airframe.wrench(*airframe.loads(model, np.ones(len(airframe.rotors))))[0])
     fly = TableOnRotors(
         vehicle, law_speeds(law, airframe, 2.0 * full)
@@ -82,5 +76,4 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
         float(delivered[:, 0].sum() / (power.sum() * radians)),
         fly.ceiling(),
         math.nan if hover is None else reach(fly, hover, 3).moment_Nm,
-        lifted - level[:, 0],
     )

@@ -8,8 +8,9 @@ learnt hover thrust do that by themselves.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,10 @@ STEP = 0.01  # of demand, for slopes
 LIGHT, HEAVY = 0.75, 1.25  # of the vehicle's mass: its payload off, and as much again on
 SAG = 0.85  # of full voltage: 4.2 V a cell, and 3.57 V under load before the knee of a lithium cell
 HARD = 4.0  # times the moments of the envelope's edge: a third of weight x arm in roll, a twelfth in yaw
+LOADS, TOPMOST = (
+    12,
+    0.98,
+)  # masses at which sink is told; the heaviest, as a share of what the ceiling carries
 BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
 DRIVE_EFFICIENCY = 0.80  # shaft over electrical watts of motor and ESC; enters minutes, never their ratio
 
@@ -74,6 +79,8 @@ class Worth:
     hard_Nm: Array  # (3,) moments of the hard manoeuvre
     coupling: Array  # (3, 4) delivered less meant when roll, pitch or yaw alone is demanded
     shape_error: Array  # (4,) mean |error| over the envelope, best constant gain an axis taken off
+    sink_kg: Array  # (LOADS,) light to what the ceiling carries; empty without a hover
+    sink_m_s2: Array  # (LOADS,) downward under roll and yaw of `hard_Nm` at once, the worst of four ways
 
     @property
     def thrust_to_weight(self) -> float:
@@ -101,6 +108,7 @@ class Worth:
             "hard_Nm": self.hard_Nm.tolist(),
             "coupling": [_nulls(row) for row in self.coupling],
             "shape_error": _nulls(self.shape_error),
+            "sink": {"load_kg": self.sink_kg.tolist(), "m_s2": self.sink_m_s2.tolist()},
         }
 
 
@@ -127,9 +135,11 @@ def weigh(
         return Worth(
             name, airframe.mass_kg, math.nan, math.nan, nan, math.nan, hold, nan, nan, top,
             (none[0], none[1], none[2]), hard, np.full((3, 4), math.nan), nan,
+            np.empty(0), np.empty(0),
         )  # fmt: skip
     gain = fly.slopes(hover)
     limits = tuple(reach(fly, hover, k) for k in (1, 2, 3))
+    loads = np.linspace(hold[0], max(TOPMOST * top / GRAVITY_M_S2, hold[0]), LOADS)
     return Worth(
         name,
         airframe.mass_kg,
@@ -145,7 +155,26 @@ def weigh(
         hard,
         _coupling(fly, hover, gain, hard),
         _shape_error(fly, hover, gain, envelope(airframe)),
+        loads,
+        _sink(fly, loads, hard[[0, 2]] / gain[[1, 3]]),
     )
+
+
+def front(rows: Sequence[Worth]) -> list[bool]:
+    """(rows) whether no other is as good in hover power, ceiling and yaw authority and better in one.
+
+    Differences below a thousandth are none.
+    """
+    gains = [(-row.hover_W, row.ceiling_N, row.limits[2].moment_Nm) for row in rows]
+
+    def beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+        more = [x - y for x, y in zip(a, b, strict=True)]
+        slack = [1e-3 * abs(y) for y in b]
+        return all(m >= -s for m, s in zip(more, slack, strict=True)) and any(
+            m > s for m, s in zip(more, slack, strict=True)
+        )
+
+    return [math.isfinite(g[0]) and not any(beats(other, g) for other in gains) for g in gains]
 
 
 def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
@@ -251,6 +280,21 @@ def _coupling(fly: TableOnRotors, hover: float, gain: Array, hard: Array) -> Arr
         ]
         rows.append(np.where(np.abs(off[0]) >= np.abs(off[1]), off[0], off[1]))
     return np.array(rows)
+
+
+def _sink(fly: TableOnRotors, loads_kg: Array, turn: Array) -> Array:
+    """(len(loads),) m/s^2 downward under the demands `turn` of roll and yaw, in level flight at each load."""
+    found = []
+    for kg in loads_kg.tolist():
+        demand = solve(fly.lift, kg * GRAVITY_M_S2)
+        if demand is None:
+            found.append(math.nan)
+            continue
+        ways = itertools.product((1.0, -1.0), repeat=2)
+        turns = [np.array([demand, roll * turn[0], 0.0, yaw * turn[1]]) for roll, yaw in ways]
+        least = min(float(fly.wrench(at)[0]) for at in turns)
+        found.append(GRAVITY_M_S2 - least / kg)
+    return np.array(found)
 
 
 def _shape_error(fly: TableOnRotors, hover: float, gain: Array, wrenches: Array) -> Array:

@@ -8,18 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, AxisReach, Worth
-from coaxlink.tables.worth import CURVED, Worths
+from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, Worth, front
+from coaxlink.tables.worth import CURVED, ON_BOARD, Worths
 
 NONE = "cannot"
 
 
 def sentences(worths: Worths) -> list[str]:
-    """What the fitted table gains and loses, and what the curve alone would; none where either is missing."""
-    fitted, standard = worths.named("fitted"), worths.named("standard")
-    if fitted is None or standard is None:
+    """What the table that `table` writes gains and loses against the board's or the standard one, and what
+    the curve alone would; none where one of both is missing."""
+    name = worths.chosen if worths.chosen != "standard" else "fitted"
+    this, other = worths.named(name), worths.named(ON_BOARD) or worths.named("standard")
+    if this is None or other is None:
         return []
-    lines = [verdict(fitted, standard), remark_on_curve(worths.named(CURVED), fitted, worths.own_curve)]
+    lines = [verdict(this, other), remark_on_curve(worths.named(CURVED), this, worths.own_curve)]
     return [line for line in lines if line]
 
 
@@ -28,12 +30,15 @@ def to_json(
 ) -> dict[str, Any]:
     """The `worth` part of the JSON of `compare` and `demo`."""
     tables = []
-    for row in worths.rows:
+    for row, best in zip(worths.rows, front(worths.rows), strict=True):
         minutes = row.minutes(battery_Wh, drive_efficiency) if battery_Wh is not None else math.nan
-        tables.append(row.to_json() | {"hover_minutes": minutes if math.isfinite(minutes) else None})
+        tables.append(
+            row.to_json() | {"hover_minutes": minutes if math.isfinite(minutes) else None, "front": best}
+        )
     return {
         "summary": sentences(worths),
         "own_curve": worths.own_curve,
+        "chosen": worths.chosen,
         "tables": tables,
         "left_out": worths.left_out,
     }
@@ -54,18 +59,25 @@ def verdict(this: Worth, other: Worth) -> str:
         word = "saves" if saved > 0 else "costs"
         power = f"{word} {abs(saved):.1%} of hover power against the {other.name} one ({longer})"
     gains = (
-        f"loop gains change by {_within(this)} from {loads} ({other.name}: {_within(other)})"
+        f"Loop gains change by {_within(this)} from {loads} ({other.name}: {_within(other)})"
         if np.isfinite([this.load_span, other.load_span]).all()
-        else f"not both tables carry {loads}"
+        else f"Not both tables carry {loads}"
     )
-    authority = (
-        f"ceiling {this.thrust_to_weight:.2f} times the weight ({other.thrust_to_weight:.2f}), yaw "
-        f"{this.limits[2].moment_Nm:.1f} N m until a rotor is at its bound ({other.limits[2].moment_Nm:.1f})"
-    )
+    ceiling = f"ceiling {this.thrust_to_weight:.2f} times the weight ({other.thrust_to_weight:.2f}"
+    yaw, before = this.limits[2].moment_Nm, other.limits[2].moment_Nm
+    margins = {
+        f"{ceiling}{_against(this.ceiling_N, other.ceiling_N)})": this.ceiling_N >= 0.999 * other.ceiling_N,
+        f"yaw {yaw:.1f} N m until a rotor is at its bound ({before:.1f}{_against(yaw, before)})": yaw
+        >= 0.999 * before,
+    }
+    lost = [text for text, kept in margins.items() if not kept]
+    kept = [text for text, kept in margins.items() if kept]
+    said = [f"The {this.name} table {power}{', and gives up: ' + ', '.join(lost) if lost else ''}."]
+    said += [f"It keeps: {', '.join(kept)}."] if kept else []
+    notice = "nothing" if same else "the power alone"
     return (
-        f"The {this.name} table {power}; {gains}; {authority}. After the integrators have done their work "
-        f"{_left(this)} of error are left ({other.name}: {_left(other)}), to be met in hard manoeuvres: "
-        f"in calm hover and slow circles you notice {'nothing' if same else 'the power alone'}."
+        f"{' '.join(said)} {gains}. After the integrators have done their work {_left(this)} of error are "
+        f"left ({other.name}: {_left(other)}): in calm hover and slow circles you notice {notice}."
     )
 
 
@@ -102,54 +114,51 @@ def remark_on_curve(curved: Worth | None, this: Worth, curve: float | None) -> s
 def rows(
     tables: Sequence[Worth], battery_Wh: float | None = None, drive_efficiency: float = DRIVE_EFFICIENCY
 ) -> list[list[str]]:
-    """A row a figure, a column a table; the first cell says what it is."""
+    """A row a figure with its unit, a column a table; the first cell says what it is."""
     low, high = tables[0].load_kg
     hard = tables[0].hard_Nm
-    first = next((t for t in tables if t.name == "standard"), tables[0])
-    span = f"largest / smallest gain, {low:.3g} to {high:.3g} kg"
+    first = tables[0]
     made: list[tuple[str, list[str]]] = [
         ("hover power at the shafts, W", [_number(t.hover_W, ".0f") for t in tables]),
-        (f"time in the air against {first.name}", [_share(first.hover_W / t.hover_W - 1.0) for t in tables]),
+        (
+            f"time in the air against {first.name}, %",
+            [_share(first.hover_W / t.hover_W - 1.0) for t in tables],
+        ),
     ]
     if battery_Wh is not None:
         minutes = [_number(t.minutes(battery_Wh, drive_efficiency), ".1f") for t in tables]
-        made.append((f"minutes in hover, {battery_Wh:g} Wh, drive {drive_efficiency:.0%}", minutes))
+        made.append((f"hover on {battery_Wh:g} Wh, drive {drive_efficiency:.0%}, minutes", minutes))
     made += [
-        ("vertical gain in hover (loops count on 1)", [_number(t.lift_exponent, ".2f") for t in tables]),
-        (f"{span}: thrust", [_number(t.load_span[0], ".3f") for t in tables]),
-        ("  roll, pitch", [_number(float(t.load_span[1:3].max()), ".3f") for t in tables]),
-        ("  yaw", [_number(t.load_span[3], ".3f") for t in tables]),
-        (f"  full pack to {SAG:.0%} voltage", [_number(float(t.sag_span.max()), ".3f") for t in tables]),
         ("ceiling, N", [f"{t.ceiling_N:.0f}" for t in tables]),
         ("ceiling, times the weight", [f"{t.thrust_to_weight:.2f}" for t in tables]),
-        ("roll in hover to the first bound, N m", [_number(t.limits[0].moment_Nm, ".1f") for t in tables]),
-        ("yaw in hover to the first bound, N m", [_number(t.limits[2].moment_Nm, ".1f") for t in tables]),
-        ("  rotors there", [first_bound(t.limits[2]) for t in tables]),
-        (f"thrust off at {hard[0]:.0f} N m of roll, N", [_signed(t.coupling[0, 0]) for t in tables]),
-        (f"thrust off at {hard[2]:.1f} N m of yaw, N", [_signed(t.coupling[2, 0]) for t in tables]),
-        ("  roll or pitch off, N m", [_number(_tipped(t), ".2f") for t in tables]),
-        ("left by the best constant gain: thrust, N", [_number(t.shape_error[0], ".3f") for t in tables]),
-        ("  roll, pitch, N m", [_number(float(t.shape_error[1:3].max()), ".3f") for t in tables]),
-        ("  yaw, N m", [_number(t.shape_error[3], ".4f") for t in tables]),
+        ("yaw authority in hover, N m", [_number(t.limits[2].moment_Nm, ".1f") for t in tables]),
+        ("roll authority in hover, N m", [_number(t.limits[0].moment_Nm, ".1f") for t in tables]),
+        ("thrust for demand in hover, % per %", [_number(t.lift_exponent, ".2f") for t in tables]),
+        (f"loop gains, {low:.3g} to {high:.3g} kg, change %", [_change(t.load_span) for t in tables]),
+        (f"loop gains, full to {SAG:.0%} voltage, change %", [_change(t.sag_span) for t in tables]),
+        (f"lift lost at {hard[0]:.0f} N m of roll, N", [_signed(-t.coupling[0, 0]) for t in tables]),
+        (f"lift lost at {hard[2]:.1f} N m of yaw, N", [_signed(-t.coupling[2, 0]) for t in tables]),
+        (f"tips at {hard[2]:.1f} N m of yaw, N m", [_number(_tipped(t), ".2f") for t in tables]),
+        ("error left by integrators: lift, N", [_number(t.shape_error[0], ".2f") for t in tables]),
+        ("  torque, N m", [_number(float(t.shape_error[1:].max()), ".3f") for t in tables]),
     ]
     return [[label, *cells] for label, cells in made]
 
 
-def first_bound(limit: AxisReach) -> str:
-    """Which rotors are first at a bound, and at which."""
-    if not limit.rotors:
-        return "none"
-    return f"{','.join(map(str, limit.rotors))} {'full' if limit.full else 'least'}"
+def used(worths: Worths) -> str:
+    """What the marked column is."""
+    if worths.used == ON_BOARD:
+        return f"flies now; coaxlink table would write {worths.chosen}"
+    return "what coaxlink table writes where no law is named"
 
 
 def terms() -> str:
     """What the rows' words mean, one paragraph."""
     return (
-        "Curved: the standard columns with a THR_MDL_FAC of their own. Vertical gain: percent of thrust for "
-        "a percent of demand; 1 is what the height loop counts on, and a constant one is trimmed by "
-        "MPC_Z_VEL_*_ACC. Thrust off: delivered less carried while one axis alone is demanded at "
-        f"{HARD:g} times the envelope's moment. Left by the best constant gain: mean |error| over 0.77 to "
-        "1.33 of the weight with moments, after what integrators and learnt hover thrust take off."
+        "Authority: torque when the first rotor is at a bound. Thrust for demand: 1 is what the height loop "
+        "counts on. Lift lost: what an autopilot must make up while that one torque is demanded, "
+        f"{HARD:g} times what an ordinary flight meets. Error left by integrators: mean |error| from 0.77 to "
+        "1.33 of the weight, the best constant gain an axis taken off."
     )
 
 
@@ -162,6 +171,14 @@ def _left(t: Worth) -> str:
     return f"{t.shape_error[0]:.2f} N and {float(t.shape_error[1:].max()):.2f} N m"
 
 
+def _change(span: np.ndarray) -> str:
+    return _number(100.0 * (float(span.max()) - 1.0), ".1f")
+
+
+def _against(new: float, old: float) -> str:
+    return f", {new / old - 1.0:+.0%}" if math.isfinite(new) and math.isfinite(old) and old else ""
+
+
 def _within(t: Worth) -> str:
     return f"{float(t.load_span.max()) - 1.0:.1%}"
 
@@ -171,7 +188,7 @@ def _number(x: float, form: str) -> str:
 
 
 def _share(x: float) -> str:
-    return f"{x if abs(x) >= 5e-4 else 0.0:+.1%}" if math.isfinite(x) else NONE
+    return f"{100 * x if abs(x) >= 5e-4 else 0.0:+.1f}" if math.isfinite(x) else NONE
 
 
 def _signed(x: float) -> str:

@@ -32,6 +32,7 @@ class ChosenLaw:
     law: str
     fit: FittedTable | None
     why: str
+    between: bool = False  # the standard and the fitted one
 
     def to_json(self) -> dict[str, Any]:
         """The key `chosen` of the JSON of `table`."""
@@ -64,4 +65,4 @@ def choose_law(
         why = f"the standard table, not the fitted one: {has}; no table near the fitted one keeps both"
         return ChosenLaw("standard", None, why)
     why = f"a table between the fitted and the standard one, not the fitted one: {has}"
-    return ChosenLaw("fitted", between, why)
+    return ChosenLaw("fitted", between, why, between=True)

@@ -10,13 +10,16 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.demands import Speeds, law_speeds
 from coaxlink.mixer.exact import ExactLaw
+from coaxlink.mixer.fitted import px4_columns
 from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, weigh
-from coaxlink.tables.px4 import px4_speeds, px4_table
+from coaxlink.tables.default_law import choose_law
+from coaxlink.tables.px4 import px4_speeds, px4_table, report_px4
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.errors import TableError
 
-DEFAULTS, CURVED, LIVE = "PX4 defaults", "curved", "exact, live"
+DEFAULTS, CURVED, BALANCED, LIVE = "PX4 defaults", "curved", "balanced", "exact, live"
+ON_BOARD = "on board"
 DEFAULT_KM = 0.05  # CA_ROTORn_KM as PX4 has it
 
 
@@ -27,37 +30,61 @@ class Worths:
     rows: tuple[Worth, ...]
     left_out: dict[str, str]  # table: why it cannot be made
     own_curve: float | None  # THR_MDL_FAC of the curved table
+    chosen: str = "standard"  # the row that `coaxlink table` writes where no law is named
 
     def named(self, name: str) -> Worth | None:
         """A row, None where it could not be made."""
         return next((row for row in self.rows if row.name == name), None)
 
+    @property
+    def used(self) -> str:
+        """The row in use: the board's own where it was read, else what `coaxlink table` writes."""
+        return ON_BOARD if self.named(ON_BOARD) else self.chosen
 
-def px4_worths(vehicle: Vehicle, *, light: float = LIGHT, heavy: float = HEAVY) -> Worths:
+    def serving(self) -> tuple[Worth, ...]:
+        """The three that serve: the board's or the standard table, what `table` writes, the exact law."""
+        first = ON_BOARD if self.named(ON_BOARD) else "standard"
+        second = self.chosen if self.chosen != "standard" else "fitted"
+        return tuple(row for row in self.rows if row.name in (first, second, LIVE))
+
+
+def px4_worths(
+    vehicle: Vehicle, *, light: float = LIGHT, heavy: float = HEAVY, board: Speeds | None = None
+) -> Worths:
     """Every table that PX4 could hold for this vehicle, and the exact law as a companion would mix it.
 
-    `light` and `heavy` are shares of the vehicle's mass. What cannot be made is named, not raised.
+    `light` and `heavy` are shares of the vehicle's mass, `board` what the board flies now. What cannot be
+    made is named, not raised.
     """
     airframe, model = vehicle.airframe, vehicle.model
     tables: dict[str, px4.Px4Table] = {DEFAULTS: default_table(airframe)}
     left_out: dict[str, str] = {}
-    for law in ("standard", CURVED, "reduced", "fitted"):
+    chosen = "standard"
+    for law in ("standard", CURVED, "reduced"):
         try:
             tables[law] = px4_table(vehicle, law)
         except InputError as error:
             left_out[law] = str(error)
-    speeds: dict[str, Speeds] = {}
+    try:
+        best = choose_law(vehicle, lambda law, fit: px4_speeds(report_px4(vehicle, law, fit=fit).mix))
+        chosen = BALANCED if best.between else best.law
+        if best.fit is not None:
+            tables[BALANCED if best.between else "fitted"] = px4_columns(airframe, best.fit)
+        if "fitted" not in tables:
+            tables["fitted"] = px4_table(vehicle, "fitted")
+    except InputError as error:
+        left_out["fitted"] = str(error)
+    speeds: dict[str, Speeds] = {} if board is None else {ON_BOARD: board}
     for name, table in tables.items():
         try:
             speeds[name] = px4_speeds(px4.realise(table))
         except (TableError, ValueError) as error:
             left_out[name] = str(error)
     full, torque = airframe.loads(model, np.ones(len(airframe.rotors)))
-    exact = ExactLaw(vehicle)
-    speeds[LIVE] = law_speeds(exact, airframe, float(airframe.wrench(full, torque)[0]))
+    speeds[LIVE] = law_speeds(ExactLaw(vehicle), airframe, float(airframe.wrench(full, torque)[0]))
     rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in speeds.items())
     curved = tables.get(CURVED)
-    return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac)
+    return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac, chosen)
 
 
 def default_table(airframe: Airframe) -> px4.Px4Table:

@@ -46,12 +46,7 @@ def beside_px4(
         return _beside(
             vehicle, report, px4_speeds(report.mix), px4_speeds(report_px4(vehicle, "standard").mix)
         )
-    try:
-        present = px4.realise(board)
-    except (TableError, ValueError) as error:
-        raise InputError("`board`", "", f"the board holds no multirotor table: {error}") from error
-    _require_count(vehicle, len(present.mix))
-    return _beside(vehicle, report, px4_speeds(report.mix), px4_speeds(present), on_board=True)
+    return _beside(vehicle, report, px4_speeds(report.mix), _px4_on_board(vehicle, board), on_board=True)
 
 
 def beside_ap(
@@ -71,13 +66,32 @@ def beside_ap(
             spin_max=motor.spin_max,
         )
         return _beside(vehicle, report, ap_speeds(report.mix), ap_speeds(standard.mix))
-    numbers, present = board
+    return _beside(vehicle, report, ap_speeds(report.mix), _ap_on_board(vehicle, *board), on_board=True)
+
+
+def speeds_on_board(vehicle: Vehicle, url: str) -> Speeds:
+    """How the autopilot at `url` mixes now. Raises LinkError, and InputError where no table of the vehicle is."""
+    with _open(url) as session:
+        is_px4 = session.identity.is_px4
+    return _px4_on_board(vehicle, present_px4(url)) if is_px4 else _ap_on_board(vehicle, *present_ap(url))
+
+
+def _px4_on_board(vehicle: Vehicle, board: Mapping[str, Number]) -> Speeds:
+    try:
+        present = px4.realise(board)
+    except (TableError, ValueError) as error:
+        raise InputError("`board`", "", f"the board holds no multirotor table: {error}") from error
+    _require_count(vehicle, len(present.mix))
+    return px4_speeds(present)
+
+
+def _ap_on_board(vehicle: Vehicle, numbers: Mapping[str, Number], present: ApTable | None) -> Speeds:
     if present is None:
         frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
         raise InputError("`board`", "", f"the board flies a matrix that is not known here ({frame})")
     mix = ap.realise(present)
     _require_count(vehicle, len(mix.factors))
-    return _beside(vehicle, report, ap_speeds(report.mix), ap_speeds(mix), on_board=True)
+    return ap_speeds(mix)
 
 
 def _beside(

@@ -16,7 +16,7 @@ import pytest
 
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer.fitted import envelope
-from coaxlink.mixer.worth import weigh
+from coaxlink.mixer.worth import front, weigh
 from coaxlink.report.worth import remark_on_curve, rows, verdict
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.ardupilot import ap_speeds, report_ap
@@ -210,10 +210,30 @@ def test_the_sentence_says_what_is_gained_and_what_is_lost():
     said = verdict(_row("fitted"), _row("standard"))
     assert said.startswith("The fitted table saves 4.9% of hover power against the standard one (+5.1% time")
     assert "0.9% from 15 to 25 kg (standard: 8.1%)" in said
-    assert "2.09 times the weight (2.43)" in said and "6.2 N m until a rotor is at its bound (6.8)" in said
+    assert "gives up: ceiling 2.09 times the weight (2.43, -14%), yaw 6.2 N m" in said
     assert "THR_MDL_FAC 0.69" in remark_on_curve(_row(CURVED), _row("fitted"), worths().own_curve)
     shown = {row[0]: row[1:] for row in rows(worths().rows, 700.0)}
-    assert len(shown["minutes in hover, 700 Wh, drive 80%"]) == len(worths().rows) == 6
+    assert len(shown["hover on 700 Wh, drive 80%, minutes"]) == len(worths().rows) == 6
+
+
+def test_the_front_of_power_ceiling_and_yaw_leaves_out_what_another_beats_in_all():
+    best = dict(zip([row.name for row in worths().rows], front(worths().rows), strict=True))
+    assert best[LIVE] and best["fitted"] and best[DEFAULTS]
+    assert not best["reduced"] and not best["standard"]  # the exact law, the defaults
+    assert worths().chosen == worths().used == "fitted"
+    assert [row.name for row in worths().serving()] == ["standard", "fitted", LIVE]
+
+
+def test_sink_grows_where_the_ceiling_is_near_and_the_exact_law_has_none_below():
+    fitted, exact = _row("fitted"), _row(LIVE)
+    assert np.interp(20.0, exact.sink_kg, exact.sink_m_s2) == pytest.approx(0.0, abs=1e-3)
+    assert fitted.sink_m_s2[-1] > 2.0 > exact.sink_m_s2[-1] > 0.5
+    kg = float(fitted.sink_kg[4])
+    still = [_where(lambda t: _flown("fitted", [t, 0, 0, 0])[0], kg * 9.80665), 0.0, 0.0, 0.0]
+    turn = fitted.hard_Nm / fitted.gain[1:] * [1.0, 0.0, 1.0]
+    ways = [turn * [1, 0, s] * w for s in (1, -1) for w in (1, -1)]
+    lift = min(_flown("fitted", still + np.array([0.0, *way]))[0] for way in ways)
+    assert fitted.sink_m_s2[4] == pytest.approx(9.80665 - lift / kg, abs=0.05)
 
 
 def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_level():

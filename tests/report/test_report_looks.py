@@ -6,17 +6,14 @@ import itertools
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from test_report_pages import FOUND
 
 from coaxlink.files import example
-from coaxlink.mixer import make_law
-from coaxlink.mixer.comparison import compare
-from coaxlink.mixer.fitted import envelope, fit_table
 from coaxlink.report.pictures.looks import AFTER, BEFORE, LOOKS, THRUST, TORQUE
 from coaxlink.report.pictures.mixers import draw_comparison
 from coaxlink.report.pictures.residual_plots import errors_figure
+from coaxlink.tables.worth import px4_worths
 from coaxlink.vehicle import load_vehicle
 
 APART = 20.0  # of 100, in CIE lightness
@@ -64,11 +61,10 @@ def test_looks_differ_in_dashes_shape_and_hatching():
 def test_no_picture_needs_colour(picture):
     vehicle = load_vehicle(example("x8_demo.toml"))
     if picture == "comparison":
-        laws = [(name, make_law(name, vehicle)) for name in ("standard", "reduced", "exact")]
-        rows = compare(vehicle, laws, envelope(vehicle.airframe, 4))
-        figure = draw_comparison("x8", 196.0, rows, fit_table(vehicle))
-        bars = [c for c in figure.axes[1].containers if isinstance(c, BarContainer)]
-        assert len({c[0].get_hatch() for c in bars}) == len(bars) > 2
+        worths = px4_worths(vehicle)
+        figure = draw_comparison("x8", worths, worths.serving())
+        points = [line.get_marker() for line in figure.axes[0].get_lines() if line.get_markersize() < 20]
+        assert len(set(points)) == len(points) == len(worths.rows)
     else:
         figure = errors_figure(FOUND)
     assert any(axes.get_lines() for axes in figure.axes) and clashes(figure) == []

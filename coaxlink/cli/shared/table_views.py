@@ -11,6 +11,7 @@ from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
+    from coaxlink.mixer.worth import Worth
     from coaxlink.tables.ardupilot import ApReport
     from coaxlink.tables.px4 import TableReport
     from coaxlink.tables.worth import Worths
@@ -163,29 +164,38 @@ def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tu
     return kg["--light"] / mass, kg["--heavy"] / mass
 
 
-def weigh_tables(vehicle: Vehicle, load: tuple[float, float]) -> Worths:
-    """All tables of a vehicle; what cannot be made is said on stderr."""
+def weigh_tables(vehicle: Vehicle, load: tuple[float, float], connect: str = "") -> Worths:
+    """All tables of a vehicle, the one on board first; what cannot be made is said on stderr."""
     from coaxlink.tables.worth import px4_worths
 
-    worths = px4_worths(vehicle, light=load[0], heavy=load[1])
+    board = None
+    if connect:
+        from coaxlink.uploading.beside import speeds_on_board
+
+        board = speeds_on_board(vehicle, connect)
+    worths = px4_worths(vehicle, light=load[0], heavy=load[1], board=board)
     for name, why in worths.left_out.items():
         say(f"left out: {name}: {why}")
     return worths
 
 
 def show_worths(
-    screen: Any, frame: Airframe, worths: Worths, battery_Wh: float | None, drive_efficiency: float
+    screen: Any, frame: Airframe, worths: Worths, tables: Sequence[Worth], battery: tuple[float | None, float]
 ) -> None:
-    """The sentence first, then a column a table, and what its words mean."""
+    """The answer, a column a table, what its words mean; `battery`: Wh and the drive's efficiency."""
     from rich.table import Table
 
     from coaxlink.report import worth
 
-    for line in worth.sentences(worths):
+    for line in worth.sentences(worths)[: 1 if len(tables) <= 3 else 2]:
         screen.print(line)
-    screen.print(f"\n{frame.name}: what a table is worth, by the rotor model")
-    shown = Table("", *(t.name for t in worths.rows), box=None)
-    for row in worth.rows(worths.rows, battery_Wh, drive_efficiency):
+    shown = Table(
+        "", box=None, title=f"{frame.name}, {frame.mass_kg:g} kg, by the rotor model", title_justify="left"
+    )
+    for t in tables:
+        shown.add_column(f"* {t.name}" if t.name == worths.used else t.name, justify="right")
+    for row in worth.rows(tables, *battery):
         shown.add_row(*row)
+    screen.print()
     screen.print(shown)
-    screen.print(worth.terms())
+    screen.print(f"* {worth.used(worths)}. {worth.terms()}")

@@ -1,57 +1,72 @@
-"""Pictures of mixers: errors of the laws side by side, and what a fitted table trades."""
+"""Mixers in one picture: ceiling, yaw authority and power of each, and how a hard turn sinks the vehicle."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from coaxlink.mixer.comparison import THRUSTS, Row
-from coaxlink.mixer.fitted import FittedTable
-from coaxlink.report.pictures.figures import new_figure, stamped
-from coaxlink.report.pictures.looks import LOOKS
+import numpy as np
+
+from coaxlink.mixer.worth import Worth, front
+from coaxlink.report.pictures.figures import new_figure, plain_axis, stamped
+from coaxlink.report.pictures.looks import LOOKS, Look
+from coaxlink.tables.worth import Worths
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
+INK = "#222222"
+ROOM = 0.09  # of the axis, between two labels
 
 
-def draw_comparison(
-    name: str, weight_N: float, rows: Sequence[Row], table: FittedTable, stamp: str = ""
-) -> Figure:
-    """Three panels: thrust error over thrust, mean errors, the fitted table's trade; `stamp` below them."""
-    figure = new_figure(15, 5.2)
-    over, bars, trade = figure.subplots(1, 3)
-    for row, look in zip(rows, LOOKS, strict=False):
-        over.plot(THRUSTS * weight_N, row.thrust_error_N, **look.line, label=row.label, lw=1.8)
-    over.axvline(weight_N, color="#bbbbbb", lw=1, ls=":")
-    over.annotate("hover", (weight_N, 0.96), xycoords=("data", "axes fraction"), fontsize=8, color="#777777")
-    over.set(xlabel="thrust demanded, N", ylabel="delivered minus demanded, N", title=f"{name}: level flight")
-    over.legend(fontsize=8)
-    width = 0.8 / len(rows)
-    for k, (row, look) in enumerate(zip(rows, LOOKS, strict=False)):
-        at = [axis + (k - (len(rows) - 1) / 2) * width for axis in range(4)]
-        bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, **look.bar, label=row.label)
-    bars.set_yscale("log")
-    bars.legend(fontsize=7, ncols=2)
-    bars.set_xticks(range(4), ["thrust, N", "roll, N m", "pitch, N m", "yaw, N m"])
-    bars.set(ylabel="mean |error|, N or N m", title=f"over the envelope (bars at {FLOOR:g}: none)")
-    _draw_trade(trade, table)
+def draw_comparison(name: str, worths: Worths, shown: Sequence[Worth], stamp: str = "") -> Figure:
+    """Two panels, legible at 400 px: every table and law above, the sink of those in `shown` below."""
+    figure = new_figure(6.4, 8.0)
+    above, below = figure.subplots(2, 1)
+    looks = {row.name: look for row, look in zip(worths.rows, LOOKS, strict=False)}
+    _draw_front(above, name, worths, looks)
+    for row in shown:
+        if len(row.sink_kg):
+            below.plot(row.sink_kg, row.sink_m_s2, **looks[row.name].line, label=row.name, lw=2.2)
+    below.axvline(worths.rows[0].mass_kg, color=INK, lw=1, ls=":")
+    roll, _, yaw = worths.rows[0].hard_Nm
+    below.set_title(f"sink in a hard turn ({roll:.0f} N m of roll, {yaw:.1f} N m of yaw)", fontsize=12)
+    below.set_xlabel("load: the vehicle's whole mass, kg (dotted: as it is)", fontsize=12)
+    below.set_ylabel("downward, m/s\N{SUPERSCRIPT TWO}", fontsize=12)
+    below.legend(fontsize=12)
+    for axes in (above, below):
+        plain_axis(axes)
+        axes.tick_params(labelsize=11)
     return stamped(figure, stamp)
 
 
-def _draw_trade(axes: Axes, table: FittedTable) -> None:
-    shares = [t.share for t in table.trade]
-    curves = (
-        ("thrust error, N", [t.error[0] for t in table.trade], LOOKS[4]),
-        ("power above least, %", [100 * t.power_excess for t in table.trade], LOOKS[0]),
-        ("ceiling, 100 N", [t.ceiling_N / 100 for t in table.trade], LOOKS[2]),
-        ("yaw at hover, N m", [t.yaw_Nm for t in table.trade], LOOKS[3]),
-    )
-    for label, values, look in curves:
-        axes.plot(shares, [max(v, 1e-3) for v in values], **look.points, label=label, ms=4)
-    axes.axvline(table.chosen.share, color="#222222", lw=1, ls="--", label="chosen")
-    axes.set_yscale("log")
-    axes.set(xlabel="thrust column, upper / lower", title="the fitted table: error, power, authority")
-    axes.legend(fontsize=8)
+def _draw_front(axes: Axes, name: str, worths: Worths, looks: dict[str, Look]) -> None:
+    """Ceiling and yaw authority as places, power in words; filled: on the Pareto front of the three."""
+    drawn = [
+        (row, best) for row, best in zip(worths.rows, front(worths.rows), strict=True) if len(row.sink_kg)
+    ]
+    for row, best in drawn:
+        look, at = looks[row.name], (row.ceiling_N, row.limits[2].moment_Nm)
+        fill = look.colour if best else "white"
+        axes.plot(*at, look.marker, ms=11, mfc=fill, mec=look.colour, mew=1.8, ls="none")
+        if row.name == worths.used:
+            axes.plot(*at, "o", ms=22, mfc="none", mec=INK, mew=1.5, ls="none")
+    axes.margins(0.16, 0.14)
+    low, high = axes.get_ylim()
+    left, right = axes.get_xlim()
+    last = {True: -np.inf, False: -np.inf}
+    for row, _ in sorted(drawn, key=lambda d: d[0].limits[2].moment_Nm):
+        ceiling, yaw = row.ceiling_N, row.limits[2].moment_Nm
+        far = ceiling > (left + right) / 2
+        y = max(yaw, last[far] + ROOM * (high - low))
+        last[far] = y
+        text = f"{row.name}, {row.hover_W:.0f} W"
+        away = (-16, 0) if far else (16, 0)
+        axes.annotate(
+            text, (ceiling, y), away, textcoords="offset points", ha="right" if far else "left", va="center",
+            fontsize=12, fontweight="bold" if row.name == worths.used else "normal",
+        )  # fmt: skip
+    axes.set_title(f"{name}: filled: none better in all three; ring: in use", fontsize=12)
+    axes.set_xlabel("ceiling, N", fontsize=12)
+    axes.set_ylabel("yaw authority in hover, N m", fontsize=12)
