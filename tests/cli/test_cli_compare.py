@@ -38,7 +38,7 @@ def test_the_first_line_says_whether_to_bother(tmp_path, capsys):
     out = tmp_path / "c.json"
     arguments = ["compare", str(EXAMPLES / "x8_paper.toml"), "--rows", "20", "--battery-wh", "700"]
     assert run(build_app(), [*arguments, "--light", "18", "--heavy", "22", "--json", str(out)]) == 0
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert said.startswith("The fitted table saves 4.9%") and "from 18 to 22 kg" in said
     worth = json.loads(out.read_text())["worth"]
     assert worth["summary"][0].startswith("The fitted table saves") and worth["left_out"] == {}
