@@ -70,7 +70,7 @@ def beside_ap(
 
 
 def speeds_on_board(vehicle: Vehicle, url: str) -> Speeds:
-    """How the autopilot at `url` mixes now. Raises LinkError, and InputError where no table of the vehicle is."""
+    """How the autopilot at `url` mixes now. Raises LinkError, InputError."""
     with _open(url) as session:
         is_px4 = session.identity.is_px4
     return _px4_on_board(vehicle, present_px4(url)) if is_px4 else _ap_on_board(vehicle, *present_ap(url))
