@@ -23,7 +23,7 @@ from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import Source, input_error, plain_name
 
 AXES = ("thrust", "roll", "pitch", "yaw")
-MOST_ROTORS = 32  # what an ArduPilot drives; PX4 has 12
+LEAST_ROTORS, MOST_ROTORS = 3, 32  # an ArduPilot drives 32, PX4 12
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class _AirframeFile(BaseModel):
     ] = None
     rotors: Annotated[
         list[_RotorTable],
-        Field(min_length=3, max_length=MOST_ROTORS, description="One table a rotor, any order."),
+        Field(min_length=LEAST_ROTORS, max_length=MOST_ROTORS, description="One table a rotor, any order."),
     ]
 
 
@@ -199,6 +199,10 @@ def load_airframe(path: str | Path) -> Airframe:
         raise InputError(path, "", "empty; an airframe file (coaxlink init makes one) is expected")
     if "rotors" not in document and document.keys() >= {"upper", "lower"}:
         raise InputError(path, "", "a rotor file; an airframe file (coaxlink init makes one) is expected")
+    given = document.get("rotors")
+    if isinstance(given, list) and not LEAST_ROTORS <= len(given) <= MOST_ROTORS:
+        problem = f"coaxlink holds {LEAST_ROTORS} to {MOST_ROTORS} rotors, found {len(given)}"
+        raise InputError(path, "rotors", problem)
     try:
         parsed = _AirframeFile.model_validate(document)
     except ValidationError as error:

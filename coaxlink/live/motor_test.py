@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 THROTTLE = 0.10
 SECONDS = 1.5
 SPINS = {1: "ccw", -1: "cw"}
-_OUTPUT = re.compile(r"(SERVO\d+_FUNCTION|(?:PWM_(?:MAIN|AUX)|UAVCAN_EC|HIL_ACT|TAP_ESC)_FUNC\d+)")
+_OUTPUT = re.compile(r"SERVO\d+_FUNCTION|\w+_FUNC\d+")  # of any driver
 _PX4_MOTOR_1 = 101
 _DSHOT = range(4, 8)  # of MOT_PWM_TYPE: DShot150 to DShot1200, whose ESCs SERVO_BLH_RVMASK turns round
 

@@ -11,7 +11,7 @@ from firmware_params import px4
 from firmware_params.ardupilot.frames import DODECAHEXA, FRAMES, OCTAQUAD, Y6, Frame
 from firmware_params.errors import TableError
 
-_PX4_OUTPUT = re.compile(r"PWM_(MAIN|AUX)_FUNC(\d+)|(UAVCAN|HIL|TAP)_(?:ESC_FUNC|EC_FUNC|ACT_FUNC)(\d+)")
+_PX4_OUTPUT = re.compile(r"(\w+)_FUNC(\d+)")  # PWM_MAIN, PWM_AUX, UAVCAN_EC, any driver
 _PX4_MOTOR_1 = 101  # of the *_FUNC parameters
 _FLAT_M = 1e-3  # heights that differ by less are no heights
 # ArduCopter's frames are PX4's as well: its airframes 12001 (octo coax) and 11001 (hexa coax, which is Y6B)
@@ -92,6 +92,6 @@ def _px4_outputs(params: Params) -> dict[int, list[str]]:
     for name, value in params.items():
         match = _PX4_OUTPUT.fullmatch(name)
         if match and value >= _PX4_MOTOR_1:
-            connector = f"{match[1] or match[3]} {match[2] or match[4]}"
+            connector = f"{match[1].removeprefix('PWM_').replace('_', ' ')} {match[2]}"
             found.setdefault(int(value) - _PX4_MOTOR_1 + 1, []).append(connector)
     return found

@@ -59,6 +59,9 @@ function env.Parameter(name)
   p.set_and_save, p.set_default = p.set, p.set
   return p
 end
+function env.require(name)
+  error("it takes in the module '" .. tostring(name) .. "', which is not here", 0)
+end
 env.bind_param = function(name) return env.Parameter(name) end
 env.SRV_Channels = { find_channel = function(_, f) return c.channel(f) end }
 setmetatable(env.SRV_Channels, getmetatable(quiet))

@@ -35,7 +35,7 @@ def in_millionths(factors: Sequence[Factors]) -> list[tuple[int, int, int, int]]
     rows = []
     for n, motor in enumerate(factors):
         if not all(abs(f) <= 8.0 for f in motor):
-            raise TableError(f"rotor {n + 1}: factors within -8..8 are expected, found {motor}")
+            raise TableError(f"rotor {n + 1}: coaxlink's scripts hold factors of -8..8, found {motor}")
         roll, pitch, yaw, throttle = (round(f * MILLION) for f in motor)
         rows.append((roll, pitch, yaw, throttle))
     return rows
