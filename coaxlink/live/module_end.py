@@ -74,7 +74,7 @@ class ModuleEnd:
         if self._theirs != self.identity:
             raise SafetyRefusal(
                 f"the module on board was made for another vehicle (0x{self._theirs or 0:06x}, this airframe "
-                f"file is 0x{self.identity:06x}): write and build it again (coaxlink bridge --firmware px4)"
+                f"file is 0x{self.identity:06x}): write and build it again (`px4_module`)"
             )
         return True
 

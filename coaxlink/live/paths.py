@@ -56,12 +56,12 @@ PATHS: tuple[LivePath, ...] = (
     ),
     LivePath(
         PX4, (1, 15), ANY, "DEBUG_FLOAT_ARRAY", "TUNNEL", False, "",
-        "PX4 1.15, 1.16 and main of August 2026 source: the module of `coaxlink bridge --firmware px4`",
+        "PX4 1.15, 1.16 and main of August 2026 source: the module of `px4_module`",
         bridge=True,
     ),
     LivePath(
         PX4, (1, 15), ANY, "", "", False,
-        _REMOVED + ", or build its firmware with the module of `coaxlink bridge --firmware px4`: none heard",
+        _REMOVED + ", or build its firmware with the module of `px4_module`: none heard",
         "PX4 1.16.1 and main of March 2026, flown in its SITL: 139 is ignored; direct_actuator needs DDS",
     ),
     LivePath(

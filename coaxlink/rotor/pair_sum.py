@@ -29,7 +29,7 @@ COLUMNS = {q: f"{PAIR}_{QUANTITIES[q].suffix}" for q in ("thrust", "torque")}
 OPEN = (
     "which rotor lifts how much is not in a sum: neither the split nor each rotor's torque, and so no table",
     "one more run tells them: the upper rotor alone over its speeds, the lower one standing, on the same "
-    "cell; identify --join takes both logs",
+    "cell; `join` takes both logs",
 )
 ALONE = "the upper rotor's loads are those it has alone ({rows} rows), the lower one's the rest of the pair's"
 

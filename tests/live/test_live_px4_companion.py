@@ -140,7 +140,7 @@ def test_without_the_module_px4_is_refused_and_the_module_is_named() -> None:
     class Plain(ModuleFlight):
         extras = b""
 
-    with pytest.raises(SafetyRefusal, match="coaxlink bridge --firmware px4"):
+    with pytest.raises(SafetyRefusal, match="px4_module"):
         Companion(Plain(airborne=False)).mix()
 
 

@@ -32,6 +32,7 @@ OPTIONS = {
     "pair": "--pair",
     "pitch_m": "--pitch",
     "plan": "--plan",
+    "px4_module": "coaxlink bridge --firmware px4",
     "poles": "--poles",
     "record": "coaxlink mix --record",
     "restore": "coaxlink restore",

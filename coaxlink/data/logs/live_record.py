@@ -53,7 +53,7 @@ def read_live(path: Path) -> Samples:
     about, rows = read_record(path)
     beside = path.with_suffix(".tlog")
     if not beside.is_file():
-        problem = f"holds commands alone: the {beside.name} of the same `mix --record` is needed beside it"
+        problem = f"holds commands alone: the {beside.name} of the same `record` is needed beside it"
         raise InputError(path, "", problem)
     count = about.get("rotors")
     if not isinstance(count, int) or not 2 <= count <= rows["commands"].shape[1]:
