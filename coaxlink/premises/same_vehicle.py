@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +40,10 @@ FEWEST = 10  # rows with a speed: ten seconds of ESCs that report once a second
 # changes once, is a gust or a rotor that begins to lose thrust, and moments balance it without a turn
 QUICK_S = 2.0
 CURVE = (0.5, 1.0)  # power of rpm over command: thrust goes with it, or speed
-# judgement: what another order of the motors must leave, of what the logged order leaves, axes together. An
-# exchange of two leaves about a hundredth; a weak rotor is made up for by no order
-SWAP = 0.1
+# nats by which another order of the motors must explain the flight better: one flight in a thousand has
+# exchanged outputs (prior, judgement), and a hundred to one is sure enough to say so
+EXCHANGED = float(np.log(1000.0) + np.log(100.0))
+BAND_HZ = 4.0  # of what is judged (`residual.channels.flight`): so many independent rows are two a period
 
 
 @dataclass(frozen=True)
@@ -179,9 +181,11 @@ def _left(flown: Flown, order: Sequence[int]) -> Array:
 
 
 def _exchanged(flown: Flown) -> list[OtherVehicle]:
-    """Outputs in another order that explain what moves the body ten times as well.
+    """Outputs in another order that explain what moves the body far better, by the likelihood ratio.
 
-    Two are exchanged at a time, the best first, as long as it helps.
+    Two are exchanged at a time, the best first, as long as it helps. n independent rows of a normal residue
+    weigh a share left of `best` against `first` by n/2 ln(first / best), axes added; each pair tried is one
+    more chance. An axis must be explained, too, and half of what it left be gone: models are not exact.
     """
     order = list(range(flown.speeds.shape[1]))
     first = best = _left(flown, order)
@@ -195,9 +199,10 @@ def _exchanged(flown: Flown) -> list[OtherVehicle]:
         if float(np.sum(np.log(now / best))) > -1e-3:
             break
         best, order = now, other
-    gain = float(np.exp(np.sum(np.log(first / best))))
+    n = min(len(flown.speeds), 2.0 * BAND_HZ * len(flown.speeds) * flown.step_s)
+    nats = 0.5 * n * float(np.sum(np.log(first / best)))
     helps: NDArray[np.bool_] = (best < 1.0 - TELLS) & (best < TELLS * first)
-    if gain < 1.0 / SWAP or not helps.any():
+    if nats < EXCHANGED + np.log(comb(len(order), 2)) or not helps.any():
         return []
     wrong = [k for k, n in enumerate(order) if k != n]
     numbers = [r.number for r in flown.airframe.rotors]
