@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, vehicle_of
 
 if TYPE_CHECKING:
     from coaxlink.live.mixer import LiveMixer
@@ -90,7 +90,7 @@ class Table:
         return f"Table({self.firmware}, {self.law} law, {size}, {wrong} findings that forbid it)"
 
 
-def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> Table:
+def make_table(vehicle: Vehicle | str | Path, firmware: str = "px4", law: str = "fitted") -> Table:
     """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
 
     Raises InputError for a vehicle that the firmware cannot hold.
@@ -102,6 +102,7 @@ def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> 
     """
     from coaxlink.tables import files as table_files
 
+    vehicle = vehicle_of(vehicle)
     made_from = f"{vehicle.rotors.form}, {len(vehicle.rotors.effects)} effects"
     if firmware == "px4":
         from coaxlink.tables.px4 import px4_speeds, report_px4
@@ -119,7 +120,10 @@ def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> 
 
 
 def refine(
-    logs: Log | Sequence[Log], vehicle: Vehicle | None = None, *, rotors: RotorModel | None = None
+    logs: Log | Sequence[Log],
+    vehicle: Vehicle | str | Path | None = None,
+    *,
+    rotors: RotorModel | str | Path | None = None,
 ) -> Refinement:
     """Measured data against a model: residual, the effect it traces to, error before and after.
 
@@ -129,14 +133,16 @@ def refine(
     """
     from coaxlink.residual import refine as run
     from coaxlink.residual import refine_stand
+    from coaxlink.rotor import load_rotor_model
 
     given = [logs] if isinstance(logs, (str, Path, Samples)) else list(logs)
     read = [_read(log) for log in given]
     if any(log.has("motor1") for log in read):
         if vehicle is None:
             raise InputError("vehicle", "", "flight logs are held against a Vehicle; none is given")
+        vehicle = vehicle_of(vehicle)
         return run(read, vehicle.declared, vehicle.rotors)
-    return refine_stand(read, rotors)
+    return refine_stand(read, load_rotor_model(Path(rotors)) if isinstance(rotors, (str, Path)) else rotors)
 
 
 def upload(
@@ -165,7 +171,9 @@ def upload(
 
 
 @contextmanager
-def mix(session: Session, vehicle: Vehicle, law: str = "exact", **options: Any) -> Iterator[LiveMixer]:
+def mix(
+    session: Session, vehicle: Vehicle | str | Path, law: str = "exact", **options: Any
+) -> Iterator[LiveMixer]:
     """Live mixing for the length of a block: every demand the vehicle sends is answered with motor commands.
 
     A vehicle made with `measured_live=True` has its effects compensated from telemetry. `options` are
@@ -174,7 +182,7 @@ def mix(session: Session, vehicle: Vehicle, law: str = "exact", **options: Any) 
     """
     from coaxlink.live.mixer import LiveMixer
 
-    with LiveMixer(session, vehicle, law, **options) as live:
+    with LiveMixer(session, vehicle_of(vehicle), law, **options) as live:
         yield live
 
 

@@ -80,3 +80,6 @@ def of_rotor(rotor: int) -> tuple[Load, Load]:
 
 
 _BY_NAME = {name: load for load in Load for name in (load.key, load.column, load.channel)}
+
+
+LOADS = tuple(load.key for load in Load)  # as files spell them

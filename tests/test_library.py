@@ -40,6 +40,29 @@ def test_the_import_itself_is_light():
 
 
 @pytest.mark.slow
+def test_answers_print_as_equations_and_numbers():
+    rotors = cx.load_rotor_model(example("rotor_paper.toml"))
+    assert repr(rotors) == "RotorModel(crm, 14 terms, u = 1 at 5400 rpm)"
+    assert "upper thrust = 55.95 u_u^2 + 22.45 u_u N" in str(rotors)
+    found = cx.identify(example("stand_eq17.csv"), "rcrm")
+    assert len(str(found).splitlines()) == 10 and len(repr(found)) < 80
+    answer = cx.refine(example("stand_eq17.csv"), rotors=example("rotor_paper.toml"))
+    assert "nothing to mend" in str(answer) and len(repr(answer)) < 80
+    assert found.model.score(example("stand_eq17.csv")) > 0.97
+
+
+def test_a_path_does_where_a_vehicle_is_expected():
+    path = example("x8_paper.toml")
+    vehicle = cx.Vehicle(path, example("rotor_paper.toml"))
+    law = cx.make_law("reduced", str(path))
+    wrench = [196.1, 0.0, 0.0, 0.0]
+    assert cx.allocate(law, path, wrench).power_W == cx.allocate(law, vehicle, wrench).power_W
+    assert cx.make_table(path, law="reduced").parameters == cx.make_table(vehicle, law="reduced").parameters
+    with pytest.raises(cx.InputError, match=r"none\.toml: cannot be read"):
+        cx.make_law("reduced", "none.toml")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_examples_of_docstrings(room):
     failed, tried = doctest.testmod(importlib.import_module(room))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from coaxlink.airframe import AXES
 from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.errors import InputError
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, vehicle_of
 
 
 class Law(Protocol):
@@ -69,11 +70,12 @@ class Allocation:
         }
 
 
-def allocate(law: Law, vehicle: Vehicle, wrench: ArrayLike) -> Allocation:
+def allocate(law: Law, vehicle: Vehicle | str | Path, wrench: ArrayLike) -> Allocation:
     """Run `law` on one wrench (4,): thrust up N, roll, pitch, yaw N m (FRD), and weigh it on `vehicle`.
 
     The vehicle need not be the law's own. Raises InputError when the wrench is not four finite numbers.
     """
+    vehicle = vehicle_of(vehicle)
     airframe, model = vehicle.airframe, vehicle.model
     demand = checked_wrench(wrench)
     u = law.speeds(demand)

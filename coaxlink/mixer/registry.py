@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from coaxlink.errors import InputError
@@ -10,7 +11,7 @@ from coaxlink.mixer import coaxial, linear
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.mixer.law import Law
-from coaxlink.vehicle import Vehicle, require_vehicle
+from coaxlink.vehicle import Vehicle, vehicle_of
 
 _MAKERS: dict[str, Callable[..., Law]] = {
     "standard": linear.standard,
@@ -22,8 +23,8 @@ _MAKERS: dict[str, Callable[..., Law]] = {
 LAWS = tuple(_MAKERS)
 
 
-def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
-    """The law `name` for this vehicle; `options` are the law's own.
+def make_law(name: str, vehicle: Vehicle | str | Path, **options: Any) -> Law:
+    """The law `name` for this vehicle or airframe file; `options` are the law's own.
 
     Raises InputError on an unknown name, on what is no Vehicle, and on an airframe that the law cannot serve.
 
@@ -35,5 +36,4 @@ def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
     """
     if name not in _MAKERS:
         raise InputError("`law`", name, f"no such law; expected one of {', '.join(LAWS)}")
-    require_vehicle(vehicle)
-    return _MAKERS[name](vehicle, **options)
+    return _MAKERS[name](vehicle_of(vehicle), **options)

@@ -178,6 +178,28 @@ class Refinement:
     cannot_judge: tuple[NotJudged, ...] = ()  # premises that the answer hangs on: nothing is claimed
     not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
 
+    def __repr__(self) -> str:
+        names = ", ".join(e.name for e in self.effects) or "no effect"
+        return f"Refinement({self.kind}, {self.verdict}: {names}, {len(self.channels)} channels)"
+
+    def __str__(self) -> str:
+        """The answer: what was found with its numbers, what stays open, and the errors before and after."""
+        lines = [f"{self.source or self.kind}: {self.verdict}", *(reason.line() for reason in self.reasons)]
+        for e in self.effects:
+            numbers = ", ".join(
+                f"{p.name} {p.value:.3g} ({p.ci[0]:.3g} .. {p.ci[1]:.3g}) {p.unit}" for p in e.parameters
+            )
+            lines.append(f"{e.name} in {', '.join(e.channels)}: {numbers}")
+        lines += [f"{' or '.join(a.names)}: told apart by {a.separate_by}" for a in self.ambiguous]
+        lines += [f"{s.column} ({s.rows}): {s.why}" for s in self.suspect_data]
+        lines += [f"{u.channel} still follows {', '.join(u.depends_on)}" for u in self.unexplained]
+        lines += [
+            f"{name}: {c.rmse_before:.3g} {c.unit} to {c.rmse_after:.3g}, noise {c.noise_floor:.2g}"
+            for name, c in self.channels.items()
+            if c.rmse_before > 0.0
+        ]
+        return "\n".join(lines)
+
     @property
     def at_floor(self) -> bool:
         """Whether nothing was left to explain: no effect, doubt or open dependence."""

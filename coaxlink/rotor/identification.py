@@ -80,6 +80,20 @@ class Identification:
     predicted: Values  # held-out predictions of the chosen form
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        source = Path(self.data.samples.source).name
+        return f"Identification({self.form} of {source}, {self.data.samples.rows} rows)"
+
+    def __str__(self) -> str:
+        """Ten lines: what it is of, the model, and each load's error on blocks that no fit saw."""
+        rows = f"{self.data.samples.source}: {self.data.samples.rows} rows"
+        errors = [
+            f"{name.replace('_', ' ')}: {e.rmse:.3g} {unit_of(name)} held out, {100 * e.nrmse:.2g} % of range"
+            for name, e in self.channels.items()
+            if name not in COAXIAL
+        ]
+        return "\n".join([rows, str(self.model), *errors])
+
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""
         fits = self.fits

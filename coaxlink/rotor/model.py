@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +18,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from coaxlink import files
 from coaxlink.errors import InputError
+from coaxlink.load import LOADS as LOADS
 from coaxlink.load import Load
 from coaxlink.rotor.polynomial import Polynomial
 from firmware_params.keys import is_near, problem_of
 from firmware_params.plain import name_problem, plain
 
-LOADS = tuple(load.key for load in Load)  # as files spell them
+if TYPE_CHECKING:
+    from coaxlink.data import Samples
+
 # where a number is from: an instrument read it; somebody says so; the autopilot holds it; computed from
 # other numbers; nobody gave it
 Source = Literal["measured", "declared", "board", "estimated", "default"]
@@ -69,6 +72,57 @@ class RotorModel:
     identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, method, errors, intervals
     sources: Mapping[str, Source] = field(default_factory=dict)  # key of the file -> where it is from
     rotation: str = COUNTER_ROTATING  # of the pair whose loads these are
+
+    def __repr__(self) -> str:
+        terms = sum(len(self.surface(load).coefficients) for load in Load)
+        effects = f", effects: {', '.join(e.name for e in self.effects)}" if self.effects else ""
+        return f"RotorModel({self.form}, {terms} terms, u = 1 at {self.speed_max_rpm:g} rpm{effects})"
+
+    def __str__(self) -> str:
+        """The model as equations with their units."""
+        lines = [f"{self.form}: u_u, u_l = rpm of the upper, lower rotor / {self.speed_max_rpm:g}"]
+        for load in Load:
+            name = load.channel.replace("_", " ")
+            lines.append(f"{name} = {self.surface(load)} {load.unit}")
+        lines += [
+            f"effect {e.name}: {', '.join(f'{k} {v:.4g}' for k, v in e.parameters.items())}"
+            for e in self.effects
+        ]
+        return "\n".join(lines)
+
+    def predict(self, u: ArrayLike) -> NDArray[np.float64]:
+        """(rows, 4) thrust (N) and torque (N m) of the upper, then of the lower rotor, effects left out.
+
+        `u` is (rows, 2): normalised speeds of the upper and the lower rotor. Raises InputError.
+
+        >>> from coaxlink.files import example
+        >>> load_rotor_model(example("rotor_paper.toml")).predict([[0.5, 0.5]]).round(2).tolist()
+        [[25.21, 0.67, 13.34, 0.52]]
+        """
+        speeds = np.asarray(u, float)
+        if speeds.ndim != 2 or speeds.shape[1] != 2:
+            raise InputError("u", "", f"(rows, 2) normalised speeds are expected, found shape {speeds.shape}")
+        loads = self.loads(speeds[:, 0], speeds[:, 1])
+        return np.stack([loads[load] for load in Load], axis=1)
+
+    def score(self, log: Samples | str | Path) -> float:
+        """R^2 of the model on a stand log, the mean of the loads it measured: 1 is perfect, 0 no better than
+        the loads' means. Raises InputError for a log without both rotors' speeds or without loads."""
+        from coaxlink.data import read_stand_log
+        from coaxlink.rotor.stand_data import stand_data
+
+        samples = read_stand_log(Path(log)) if isinstance(log, (str, Path)) else log
+        data = stand_data(samples, self.speed_max_rpm)
+        predicted = self.predict(np.stack([data.speeds.upper, data.speeds.lower], axis=1))
+        shares = []
+        for load in map(Load.of, data.measured):
+            y = data.loads[load.key]
+            known = np.isfinite(y)
+            left = y[known] - predicted[known, load]
+            shares.append(
+                1.0 - float(left @ left) / max(float(np.sum((y[known] - y[known].mean()) ** 2)), 1e-300)
+            )
+        return float(np.mean(shares))
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> PairLoads:
         """Thrusts and torques at normalised speeds (broadcast), without the effects."""

@@ -74,6 +74,14 @@ class Polynomial:
         """{"u_u^2": 55.9, ...}, in the order given."""
         return {term_name(*e): c for e, c in zip(self.exponents, self.coefficients, strict=True)}
 
+    def __str__(self) -> str:
+        """As it is written on paper: 55.9 u_u^2 + 22.45 u_u - 1.2."""
+        parts = [
+            f"{'-' if c < 0 else '+'} {abs(c):.4g}{'' if name == '1' else ' ' + name}"
+            for name, c in self.terms().items()
+        ]
+        return " ".join(parts).removeprefix("+ ") or "0"
+
     def __call__(self, u_upper: ArrayLike, u_lower: ArrayLike = 0.0) -> NDArray[np.float64]:
         """Value at normalised speeds, broadcast."""
         upper, lower = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))

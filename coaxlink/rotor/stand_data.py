@@ -12,8 +12,7 @@ from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
 from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
-from coaxlink.load import Load, of_rotor
-from coaxlink.rotor.model import LOADS
+from coaxlink.load import LOADS, Load, of_rotor
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.throttle_curve import ThrottleCurve, at_full_throttle, throttle_curves
 

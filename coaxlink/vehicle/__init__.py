@@ -1,7 +1,7 @@
 """What laws, tables and live mixing take: airframe and rotors, every effect in them or named as left out."""
 
 from coaxlink.effects.static import Conditions
-from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_lift
+from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_lift, vehicle_of
 from coaxlink.vehicle.rotation import turned_otherwise
 from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
 
@@ -16,4 +16,5 @@ __all__ = [
     "require_vehicle",
     "turned_otherwise",
     "usual_lift",
+    "vehicle_of",
 ]

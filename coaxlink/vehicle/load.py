@@ -10,8 +10,16 @@ from coaxlink.effects.static import Conditions
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.rotor import RotorModel, load_rotor_model
-from coaxlink.vehicle.vehicle import Vehicle
+from coaxlink.vehicle.vehicle import Vehicle, require_vehicle
 from firmware_params.keys import misspelt, unknown_key
+
+
+def vehicle_of(given: Vehicle | str | Path) -> Vehicle:
+    """A vehicle, or that of an airframe file which names its rotor model. Raises InputError for all else."""
+    if isinstance(given, (str, Path)):
+        return load_vehicle(given)
+    require_vehicle(given)
+    return given
 
 
 def load_vehicle(

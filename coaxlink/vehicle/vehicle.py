@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
-from coaxlink.airframe import Airframe
+from coaxlink.airframe import Airframe, load_airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.effects import effect
 from coaxlink.effects.static import Conditions, LeftOut, StaticVehicle
 from coaxlink.errors import InputError
-from coaxlink.rotor import RotorModel
+from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.rotor.model import EffectEntry
 from coaxlink.vehicle.changed_model import changed_model, scaled_speed
 
@@ -29,8 +30,9 @@ NOT_STATED = Conditions()
 class Vehicle:
     """See the module.
 
-    `declared` and `rotors` are as in their files. `measured_live` leaves to live mixing what it can measure:
-    only effects that change the rotors' own surfaces are put in, the others are in `live_effects`.
+    `declared` and `rotors` are as in their files, whose paths do as well. `measured_live` leaves to live
+    mixing what it can measure: only effects that change the rotors' own surfaces are put in, the others are
+    in `live_effects`.
 
     Raises InputError on effects whose numbers are missing or that no rotor here can have, and on conditions
     that cannot be.
@@ -56,6 +58,9 @@ class Vehicle:
     speed_per_command: float = field(init=False)  # what u = 1 of `model` means in the speeds of `rotors`
 
     def __post_init__(self) -> None:
+        for name, load in (("declared", load_airframe), ("rotors", load_rotor_model)):
+            if isinstance(given := getattr(self, name), (str, Path)):  # a file of either
+                object.__setattr__(self, name, load(Path(given)))
         vehicle = StaticVehicle(self.declared, self.rotors, self.conditions, *self.declared.gains, usual_lift)
         compensated: dict[str, str] = {}
         left_out: dict[str, str] = {}
