@@ -145,7 +145,9 @@ def _raw(samples: Samples, side: str, what: str) -> Array | None:
     name = f"{side}_{what}"
     if samples.has(name):
         return samples[name]
-    if samples.has(f"{side}_thrust_N") or samples.has(f"{side}_torque_Nm"):
+    measured = samples.has(f"{side}_thrust_N") or samples.has(f"{side}_torque_Nm")
+    driven = any(samples.has(n) and np.any(samples[n] > 0) for n in (f"{side}_rpm", f"{side}_throttle"))
+    if measured or driven:
         return None
     return np.zeros(samples.rows)  # a rotor that is not on the stand
 

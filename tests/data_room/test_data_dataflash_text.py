@@ -74,10 +74,12 @@ def test_text_and_binary_are_one_log(tmp_path: Path) -> None:
             "as Mission Planner": as_text(rows()),
             "without blanks": as_text(rows(), ","),
             "with a mark and a preface": "\ufeffArduCopter\n\n" + as_text(rows()).replace("\n", "\r\n"),
+            "as PowerShell writes it": "utf-16" + as_text(rows()),
             "last line cut": as_text(rows()) + "IMU, 6000000, 0, 0.0",
         }.items():
             with case(name):
-                text.write_bytes(content.encode())
+                wide = content.startswith("utf-16")
+                text.write_bytes(content.removeprefix("utf-16").encode("utf-16" if wide else "utf-8"))
                 assert is_flight_log(text)
                 log = read_flight_log(text)
                 assert log.columns.keys() == known.columns.keys() and log.premises == known.premises == ()

@@ -126,11 +126,14 @@ def test_sums_are_told_by_name_and_by_arithmetic(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_one_cell_under_the_pair_is_a_model_of_the_sum(tmp_path: Path) -> None:
+    signals = {f"{s} ESC (us)": 1000 + 1000 * x for s, x in zip(("upper", "lower"), grid(), strict=True)}
+    by_signals = signals | {"Thrust (N)": total("thrust"), "Torque (N m)": total("torque")}
     with case_table() as case:
         for name, columns in {
             "unlabelled": one_cell(),
             "total, kgf": one_cell("Total thrust (kgf)", factor=1 / G),
             "a torque in N": one_cell(torque="Torque (N)"),
+            "ESC signals, no rpm": by_signals,
         }.items():
             with case(name):
                 log = read_stand_log(file(tmp_path, columns), trust_units=False)

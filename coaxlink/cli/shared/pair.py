@@ -13,6 +13,7 @@ from coaxlink.errors import CheckFailed
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
+    from coaxlink.rotor.stand_data import Speeds
 
 
 def answer_of_sums(
@@ -39,7 +40,7 @@ def answer_of_sums(
                 table.add_row(name, term, f"{value:.4g}", f"{low:.4g} .. {high:.4g}", said)
                 name = said = ""
         console().print(table)
-        notes = [f"u = 1 is {one.speeds.speed_max_rpm:.0f} rpm ({one.speeds.source})", *one.samples.notes]
+        notes = [_full_speed(one.speeds), *one.samples.notes]
         if abs(one.speeds.correlation()) > CORRELATED:
             notes.insert(0, "both speeds go together: the sum is known along that line alone")
         for note in notes:
@@ -51,3 +52,9 @@ def answer_of_sums(
         say(line)
     if out:
         raise CheckFailed(f"{out} is not written: a rotor file holds the loads of each rotor")
+
+
+def _full_speed(speeds: Speeds) -> str:
+    """What u = 1 is."""
+    full = "full throttle" if speeds.from_throttle else f"{speeds.speed_max_rpm:.0f} rpm"
+    return f"u = 1 is {full} ({speeds.source})"

@@ -8,6 +8,7 @@ Fields stand there in the units in which pymavlink returns them from the binary 
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,8 +17,18 @@ from types import SimpleNamespace
 from coaxlink import files
 from firmware_params import bounded
 
-FORMAT = re.compile(rb"^(?:\xef\xbb\xbf)?FMT, ?\d+, ?\d+, ?\w+, ?\w+", re.MULTILINE)
+_FORMAT = re.compile(r"^\ufeff?FMT, ?\d+, ?\d+, ?\w+, ?\w+", re.MULTILINE)
 WORDS = frozenset("nNZa")  # format letters of what is no number
+
+
+def is_dataflash_text(head: bytes) -> bool:
+    """Whether a file that begins so is such a log; other lines may stand above the formats."""
+    return _FORMAT.search(_text(head)) is not None
+
+
+def _text(data: bytes) -> str:
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    return data.decode("utf-16" if wide else "utf-8", "replace")
 
 
 class TextMessage(SimpleNamespace):
@@ -39,7 +50,7 @@ def read_text(
     parameters: dict[str, float] = {}
     formats: dict[str, tuple[str, list[str]]] = {}
     odd: list[int] = []
-    lines = files.read_bytes(path, bounded.LOG).decode("utf-8", "replace").splitlines()
+    lines = _text(files.read_bytes(path, bounded.LOG)).splitlines()
     for number, line in enumerate(lines, 1):
         name, _, rest = line.lstrip("\ufeff").partition(",")
         if name == "FMT":

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
-from coaxlink.data.logs.dataflash_text import FORMAT as DATAFLASH_AS_TEXT
+from coaxlink.data.logs.dataflash_text import is_dataflash_text
 from coaxlink.data.logs.streams import at_the_commands
 from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import Samples
@@ -91,7 +91,7 @@ def log_kind(path: Path) -> str:
             head = stream.read(LOOKS)
     if head.startswith(_ULOG):
         return "ulog"
-    if head.startswith(_DATAFLASH) or DATAFLASH_AS_TEXT.search(head):
+    if head.startswith(_DATAFLASH) or is_dataflash_text(head):
         return "dataflash"
     if head.startswith(_LIVE):
         return "live"
