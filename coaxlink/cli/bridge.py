@@ -16,6 +16,12 @@ def bridge(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")] = Path("bridge"),
     firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")] = "ardupilot",
     rotor: Annotated[Path | None, typer.Option(help="PX4: rotor model, if not the airframe's own.")] = None,
+    connect: Annotated[
+        str, typer.Option(metavar="URL", help="PX4: also put etc/extras.txt on the board's SD card.")
+    ] = "",
+    back: Annotated[
+        bool, typer.Option("--back", help="With --connect: take extras.txt off the card again.")
+    ] = False,
     hold_ms: Annotated[
         int, typer.Option(min=20, max=500, help="ArduPilot: on so much silence the matrix flies again.")
     ] = 100,
@@ -28,6 +34,11 @@ def bridge(
 
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
+    if firmware != "px4" and (connect or back):
+        raise InputError("--connect", "", "--firmware px4 is expected; for ArduPilot: coaxlink upload DIR")
+    if back:
+        _take_off_the_card(connect)
+        return
     if firmware == "px4":
         vehicle, rotors = vehicle_of(airframe, rotor)
         say_effects(vehicle)
@@ -40,7 +51,32 @@ def bridge(
         following = f"coaxlink upload {out} --connect URL, a reboot, coaxlink mix"
     for name, text in contents.items():
         files.write_atomic(out / name, text)
+    if connect:
+        _put_on_the_card(connect, contents["etc/extras.txt"])
+        following = "restart the board, propellers off; coax_mixer status in its console says this vehicle"
     say("\n".join([*(str(out / name) for name in contents), f"next: {following}"]))
+
+
+def _put_on_the_card(url: str, text: str) -> None:
+    from coaxlink.live.onboard import card
+    from coaxlink.mavlink import connect
+
+    with connect(url, station=True) as session:
+        card.put_extras(session, text)
+    say(f"{card.PATH} is on the card: the module starts with the next boot")
+
+
+def _take_off_the_card(url: str) -> None:
+    from coaxlink.errors import InputError
+    from coaxlink.live.onboard import card
+    from coaxlink.mavlink import connect
+
+    if not url:
+        raise InputError("--back", "", "--connect URL is expected")
+    with connect(url, station=True) as session:
+        was = card.remove_extras(session)
+    gone = f"{card.PATH} is off the card" if was else f"there was no {card.PATH}"
+    say(f"{gone}: PX4's own control allocator flies from the next boot on")
 
 
 def register(app: typer.Typer) -> None:

@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 
 from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, Worth, front
-from coaxlink.tables.worth import CURVED, ON_BOARD, Worths
+from coaxlink.tables.worth import CURVED, LIVE, ON_BOARD, Worths
 
 NONE = "cannot"
+NOTICED = 1.03  # of the ceiling: as much as a pack's charge moves it within a minute of flight
+EXACT_WAY = (
+    "No table holds it: it flies on a PX4 firmware of your own (coaxlink bridge --firmware px4) or from a "
+    "companion (coaxlink mix)."
+)
 
 
 def sentences(worths: Worths) -> list[str]:
@@ -21,7 +26,11 @@ def sentences(worths: Worths) -> list[str]:
     this, other = worths.named(name), worths.named(ON_BOARD) or worths.named("standard")
     if this is None or other is None:
         return []
-    lines = [verdict(this, other), remark_on_curve(worths.named(CURVED), this, worths.own_curve)]
+    lines = [
+        verdict(this, other),
+        remark_on_curve(worths.named(CURVED), this, worths.own_curve),
+        remark_on_exact(worths.named(LIVE), this),
+    ]
     return [line for line in lines if line]
 
 
@@ -81,6 +90,16 @@ def verdict(this: Worth, other: Worth) -> str:
     )
 
 
+def remark_on_exact(exact: Worth | None, this: Worth) -> str:
+    """What the exact law has beyond a table, and what that costs; empty where nobody would notice."""
+    if exact is None or not exact.ceiling_N > NOTICED * this.ceiling_N:
+        return ""
+    return (
+        f"The exact law lifts {exact.thrust_to_weight:.2f} times the weight at {exact.hover_W:.0f} W in "
+        f"hover ({this.name}: {this.thrust_to_weight:.2f}, {this.hover_W:.0f} W). {EXACT_WAY}"
+    )
+
+
 def price(this: Worth, other: Worth, against: str) -> list[str]:
     """What a table costs beside another, a line a figure: ceiling, yaw authority, hover power."""
 
@@ -95,6 +114,11 @@ def price(this: Worth, other: Worth, against: str) -> list[str]:
         f"{_number(yaw_before, '.1f')} N m{changed(yaw, yaw_before)}",
         f"hover power: {_number(this.hover_W, '.0f')} W at the shafts; {against} "
         f"{_number(other.hover_W, '.0f')} W{changed(this.hover_W, other.hover_W)}",
+        *(
+            [f"the exact law gives up no ceiling. {EXACT_WAY}"]
+            if other.ceiling_N > NOTICED * this.ceiling_N
+            else []
+        ),
     ]
 
 

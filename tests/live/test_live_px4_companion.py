@@ -14,9 +14,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.cli.shared.coax_firmware import coax_firmware
 from coaxlink.errors import SafetyRefusal
 from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.onboard import card
 from coaxlink.live.onboard.description import board_law
 from coaxlink.live.onboard.px4 import module_files
-from coaxlink.mavlink.ftp import Files
 from coaxlink.vehicle import Vehicle, load_vehicle
 
 VEHICLE = Vehicle(X8, CRM)
@@ -157,14 +157,16 @@ def test_extras_on_the_card_start_the_module_and_its_removal_brings_px4s_own_bac
         extras = b""
 
     ground = Plain(airborne=False)
-    companion = Companion(ground)
-    card = Files(companion.session)
-    for wanted in (True, False):
-        if wanted:
-            card.write("/fs/microsd/etc/extras.txt", EXTRAS)
+    session = Companion(ground).session
+    for starts in (True, False):
+        if starts:
+            card.put_extras(session, EXTRAS.decode())
         else:
-            card.remove("/fs/microsd/etc/extras.txt")
+            assert card.remove_extras(session)
         reboot: Any = mavlink.MAVLink_command_long_message(1, 1, 246, 0, 1, 0, 0, 0, 0, 0, 0)
-        companion.session.send(reboot)
+        session.send(reboot)
         ground.fly(2.0)
-        assert (ground.autopilot.module is not None) is wanted
+        assert (ground.autopilot.module is not None) is starts
+    ground.autopilot.files.files["etc/extras.txt"] = b"somebody's own"
+    with pytest.raises(SafetyRefusal, match="not coaxlink's"):
+        card.put_extras(session, EXTRAS.decode())
