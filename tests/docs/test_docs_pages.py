@@ -64,7 +64,8 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     assert "found: degraded_rotor" in said and "verified" in said
     assert [e.name for e in load_rotor_model(tmp_path / "better.toml").effects] == ["degraded_rotor"]
 
-    for page in ("howto/own_stand.md", "howto/own_vehicle.md", "howto/px4.md", "howto/failed_upload.md"):
+    for page in ("howto/own_stand.md", "howto/own_vehicle.md", "howto/px4.md", "howto/failed_upload.md",
+                 "howto/px4_module.md"):  # fmt: skip
         reader.follow(page)
     model = load_rotor_model(tmp_path / "rotor.toml")
     u, v = np.meshgrid(np.linspace(0.3, 1.0, 8), np.linspace(0.3, 1.0, 8))

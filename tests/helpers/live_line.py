@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -37,8 +38,9 @@ class Session:
     ) -> None:
         self.clock = VirtualClock()
         self.identity = SimpleNamespace(
-            system=1, component=1, autopilot=autopilot, version=version, is_px4=True
-        )
+            system=1, component=1, autopilot=autopilot, version=version, is_px4=True,
+            is_ardupilot=autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        )  # fmt: skip
         self.bound = SimpleNamespace(strangers=SimpleNamespace(datagrams=0))
         self.takes_requests, self.armed, self.tap = takes_requests, True, None
         self.latest_messages: dict[str, Any] = {"EXTENDED_SYS_STATE": SimpleNamespace(landed_state=2)}
@@ -57,6 +59,12 @@ class Session:
     def request_stream(self, message_id: int, rate_hz: float) -> bool:
         self.requests.append((message_id, rate_hz))
         return self.takes_requests
+
+    def listen(self, names: Any) -> Any:
+        return nullcontext()
+
+    def take(self, heard: Any, timeout_s: float) -> None:
+        self.clock.sleep(timeout_s)
 
     def wait(self, names: Any, timeout_s: float) -> None:
         self.clock.sleep(timeout_s)

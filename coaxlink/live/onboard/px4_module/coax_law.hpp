@@ -120,8 +120,9 @@ public:
 		settled = optimum();
 		finish();
 
-		if (!settled) { fall_back(last); }
+		if (!settled) { prefer(last); }
 
+		fell_back = prefer_reduced();
 		return settled;
 	}
 
@@ -976,8 +977,8 @@ private:
 		return true;
 	}
 
-	// the best of three where it is not settled: where it stands, the last answer, the reduced mixer
-	void fall_back(const Real last[N])
+	// the reduced mixer, where it is the better: also than another optimum far from the best
+	bool prefer_reduced()
 	{
 		Real other[N];
 
@@ -989,8 +990,7 @@ private:
 			other[i] = std::sqrt(larger(squared, Real(0)));
 		}
 
-		prefer(last);
-		fell_back = prefer(other);
+		return prefer(other);
 	}
 
 	bool prefer(const Real *other)
