@@ -44,8 +44,10 @@ _ROW = re.compile(rf"^{_NAME}(\s*[,;=:]\s*|\s+)(.*)$")
 _QGC = re.compile(r"^\s*\d+\s+\d+\s+\S+\s+\S+\s+\d+\s*$")
 _COMMENT = re.compile(r"\s*(?:#|//).*$")
 _HEADING = ("NAME", "PARAM", "PARAMETER", "COMMAND")
+_COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a copied terminal
 _COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 _NUMERIC = re.compile(r"[+-]?(\.?\d|nan|inf)", re.IGNORECASE)
+_WHOLE_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|\.\d+)(e[+-]?\d+)?|nan|[+-]?inf", re.IGNORECASE)
 _DIGITS = re.compile(r"\d+(?:[eE][+-]?\d+)?")
 _TELLS = {
     PX4: re.compile(r"CA_AIRFRAME|CA_ROTOR.*|CA_METHOD|SYS_AUTOSTART"),
@@ -104,6 +106,7 @@ def read_params(path: Path, *, finite: bool = True) -> ParamsFile:
         raise ParamsFileError(path, 0, f"cannot be read ({error.strerror})") from error
     except (bounded.Unreadable, TableError) as error:
         raise ParamsFileError(path, 0, str(error)) from error
+    text = _COLOUR.sub("", text)
     lines = list(lines_of(text if "\n" in text else text.replace("\r", "\n")))
     header = tuple(plain(line.lstrip()[1:].strip()) for _, line in lines if line.lstrip().startswith("#"))
     body = [(n, line) for n, line in lines if line.strip() and not line.lstrip().startswith("#")]
@@ -244,14 +247,16 @@ def _list(
 
 
 def _fields(separator: str, rest: str) -> list[str]:
-    """The values behind a name; words behind the first are a comment."""
+    """The values behind a name; what is no number behind the first is a comment, a unit, a range."""
     mark = separator.strip()
-    parts = [p.strip() for p in rest.split(mark)] if mark in (",", ";") else rest.split()
-    values = []
-    for k, part in enumerate(p for whole in parts for p in whole.split()[:1]):
-        if k and not _NUMERIC.match(part):
+    parts = [part.split() for part in (rest.split(mark) if mark in (",", ";") else rest.split())]
+    if not parts or not parts[0]:
+        return []
+    values = [parts[0][0]]
+    for words in parts[1:]:
+        if len(words) != 1 or len(parts[0]) > 1 or not _WHOLE_NUMBER.fullmatch(words[0]):
             break
-        values.append(part)
+        values.append(words[0])
     return values
 
 

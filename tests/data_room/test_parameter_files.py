@@ -100,6 +100,9 @@ ARDUPILOT_FORMS = {
     "marked read-only": lines("{n} {v} @READONLY"),
     "included defaults": "@include base.parm\n" + lines("{n} {v}"),
     "spreadsheet": '"Name","Value"\n' + lines('"{n}","{v}"'),
+    "spreadsheet with units, ranges and words": "Command,Value,Units,Options,Desc\n"
+    + lines("{n},{v},,0:Undefined 1:Quad 4:OctaQuad,The frame. 2 of them")
+    + "MOT_SPIN_MAX,0.95,,0.9 1.0,none\n",
     "written twice alike": lines("{n},{v}") + "FRAME_CLASS,4\n",
     "QGroundControl, integers": qgc({n: f"{v:g}" for n, v in AP.items()}, (2, 2, 9, 4), stack="ArduPilot"),
     "QGroundControl, all decimals": qgc(decimal(AP), (9, 9, 9, 9), stack="ArduPilot"),
@@ -119,6 +122,7 @@ PX4_FORMS = {
     "ulog_params with changes, no stamps": "\n".join(CHANGES.split("\n")[::2]) + "\n",
     "ulog_params, semicolons": CHANGES.replace(",", ";"),
     "param show of the shell": SHELL,
+    "param show in colours": SHELL.replace("nsh> ", "\x1b[Knsh> ").replace(" : ", " : \x1b[32m"),
     "airframe file": AIRFRAME,
     "MAVProxy .parm": lines("{n:<16} {v:f}", PX4),
     "pymavlink, integers as float bits": lines("{n} {v}", as_bits(PX4)),
@@ -188,7 +192,8 @@ def test_every_form_gives_the_same_parameters(tmp_path):
             with case(f"{firmware}: {name}"):
                 read = read_board_parameters(tmp_path / file)
                 assert read.firmware == firmware
-                assert read.params == pytest.approx(wanted, rel=1e-6)
+                assert {n: read.params[n] for n in wanted} == pytest.approx(wanted, rel=1e-6)
+                assert len(read.params) == len(wanted) + (name.startswith("spreadsheet with"))
 
 
 def test_a_premise_of_the_reading_is_said(tmp_path):
