@@ -226,8 +226,11 @@ def _height(messages: Mapping[str, Message], estimate: Message | None, notes: li
 def _rpm(esc: Message | None, outputs: Map, notes: list[str], premises: list[str]) -> list[TimeSeries | None]:
     instances = set(esc["Instance"].astype(int).tolist()) if esc and "Instance" in esc else set()
     motors = motors_of_escs(outputs, instances, notes, premises)
+    told = {"rpm{}": "RPM"}
+    if esc and np.any(esc.get("Curr", 0.0)):
+        told["current{}_A"] = "Curr"
     return [
-        series(_instance(esc, ("Instance",), instance), {f"rpm{motor}": "RPM"})
+        series(_instance(esc, ("Instance",), instance), {n.format(motor): f for n, f in told.items()})
         for instance, motor in motors.items()
     ]
 

@@ -329,13 +329,22 @@ def _rpm(
     else:
         batches = {4 * i: messages.get(name) for i, name in enumerate(ESC_TELEMETRY)}
     known = {first: batch for first, batch in batches.items() if batch is not None}
-    speeds: dict[int, tuple[Array, Array]] = {}  # by ESC, counted from 0: stamps, rpm
+    ampere = 1.0 if status is not None else 0.01
+    speeds: dict[int, tuple[Array, Array, Array]] = {}  # by ESC, counted from 0: stamps, rpm, A
     for first, batch in known.items():
         rpm, usual = batch["rpm"], known[0]["rpm"] if 0 in known else np.empty((0, 4))
         same = min(len(rpm), len(usual))
         if first and same > 10 and np.any(usual) and np.array_equal(rpm[:same], usual[:same]):
             notes.append(f"rpm{first + 1}..{first + 4} left out: ESC_STATUS repeats rotors 1-4 there")
             continue
-        speeds |= {first + i: (batch["time_s"], rpm[:, i]) for i in range(4) if np.any(rpm[:, i])}
+        current = ampere * batch["current"]
+        speeds |= {
+            first + i: (batch["time_s"], rpm[:, i], current[:, i]) for i in range(4) if np.any(rpm[:, i])
+        }
     motors = motors_of_escs(outputs, speeds, notes, premises)
-    return [TimeSeries.of(speeds[esc][0], {f"rpm{motor}": speeds[esc][1]}) for esc, motor in motors.items()]
+    found: list[TimeSeries | None] = []
+    for esc, motor in motors.items():
+        time_s, rpm, current = speeds[esc]
+        columns = {f"rpm{motor}": rpm} | ({f"current{motor}_A": current} if np.any(current) else {})
+        found.append(TimeSeries.of(time_s, columns))
+    return found

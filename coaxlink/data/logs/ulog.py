@@ -268,6 +268,9 @@ def _rpm(
             driver = maps[0] if len(maps) == 1 else ()
             motors = motors_of_escs(driver, range(len(rpm)), notes, premises)
         columns = {f"rpm{motor}": rpm[esc] for esc, motor in motors.items()}
+        for esc, motor in motors.items():
+            if np.any(current := topic.get(f"esc[{esc}].esc_current", np.zeros(1))):
+                columns[f"current{motor}_A"] = current
         found.append(TimeSeries.of(topic["time_s"], columns))
     return found
 

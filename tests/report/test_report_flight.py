@@ -1,0 +1,84 @@
+"""The flight page, from a hover made here: what is drawn, and that the page keeps to itself."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from coaxlink.cli import build_app
+from coaxlink.cli.shared.shell import run
+from coaxlink.files import example
+from coaxlink.mixer import make_law
+from coaxlink.report.flight_charts import flight_charts
+from coaxlink.vehicle import load_vehicle
+
+SHAKEN_HZ = 20.0
+
+
+@pytest.fixture(scope="module")
+def hover(tmp_path_factory):
+    """16 s of level hover by the standard law, shaken along x at SHAKEN_HZ; rotor 3 has an ESC that talks."""
+    vehicle = load_vehicle(example("x8_demo.toml"))
+    mass = vehicle.airframe.mass_kg
+    u = make_law("standard", vehicle).speeds([mass * 9.80665, 0, 0, 0])
+    lift = float(vehicle.airframe.wrench(*vehicle.airframe.loads(vehicle.model, u))[0])
+    t = np.arange(0.0, 16.0, 0.01)
+    noise = 0.01 * np.random.default_rng(1).normal(size=(len(t), 9))
+    columns = {"time_s": t} | {f"motor{n + 1}": np.full(len(t), u[n]) for n in range(8)}
+    still = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s",
+             "roll_rad", "pitch_rad", "yaw_rad")  # fmt: skip
+    columns |= {name: noise[:, k] for k, name in enumerate(still)}
+    columns["accel_x_m_s2"] = columns["accel_x_m_s2"] + 2.0 * np.sin(2 * np.pi * SHAKEN_HZ * t)
+    columns["accel_z_m_s2"] = columns["accel_z_m_s2"] - lift / mass
+    columns |= {name: np.zeros(len(t)) for name in ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")}
+    columns |= {"height_m": np.full(len(t), 5.0), "voltage_V": np.linspace(25.0, 24.0, len(t))}
+    columns |= {
+        "armed": (t > 1.0).astype(float),
+        "rpm3": np.full(len(t), 4000.0),
+        "current3_A": 12.0 + t / 16,
+    }
+    log = tmp_path_factory.mktemp("log") / "hover<1>.csv"
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(log, rows, delimiter=",", header=",".join(columns), comments="")
+    return log, vehicle
+
+
+def test_every_rotor_pair_and_axis_is_drawn(hover):
+    flight = flight_charts(*hover)
+    charts = {c.title: c for c in flight.charts}
+    assert len(charts["Command of every rotor"].lines) == len(charts["Thrust of every rotor"].lines) == 8
+    assert [line.name for line in charts["Current of every rotor"].lines] == ["rotor 3"]
+    split = charts["Split: thrust of the lower rotor, of its pair"].lines
+    flown, ideal = split[0], split[1]
+    assert (
+        ideal.dashed and ideal.y.mean() > flown.y.mean() + 5.0
+    )  # the standard law leaves the lower one idle
+    delivered, demanded = charts["Thrust, demanded and delivered"].lines
+    assert demanded.y == pytest.approx(delivered.y, rel=0.01)
+    x = charts["Vibration, spectrum of the accelerometer"].lines[0]
+    assert x.x[np.argmax(x.y)] == pytest.approx(SHAKEN_HZ, abs=0.2)
+    assert flight.events == ((pytest.approx(1.01), "armed"),)
+    assert "lower rotors carried" in flight.answer
+
+
+def test_without_a_vehicle_the_log_alone_is_drawn_and_what_is_missing_is_said(hover):
+    flight = flight_charts(hover[0], None)
+    assert "--airframe" in flight.answer
+    assert not any("hrust" in c.title for c in flight.charts)
+
+
+def test_the_page_is_one_file_with_two_logs_beside_one_another(hover, tmp_path, capsys):
+    page = tmp_path / "two.html"
+    log = str(hover[0])
+    assert (
+        run(build_app(), ["report", log, log, "--airframe", str(example("x8_demo.toml")), "--out", str(page)])
+        == 0
+    )
+    text = page.read_text()
+    assert not re.search(r"(src|href)=.?https?:", text) and "hover<1>" not in text
+    data = json.loads(re.search(r"const DATA=(\{.*\}),COLOURS", text).group(1))
+    assert len(data["logs"]) == 2 and all(len(row["cells"]) == 2 for row in data["rows"])
+    assert "lower rotors carried" in capsys.readouterr().out
+    assert run(build_app(), ["report", log, log, log]) == 2
+    assert run(build_app(), ["report", str(tmp_path / "none.ulg")]) == 2
