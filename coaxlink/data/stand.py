@@ -19,7 +19,7 @@ from coaxlink.data.rotors import find_rotors
 from coaxlink.data.samples import Samples
 from coaxlink.data.sides import exchanged_as_stated, with_sides
 from coaxlink.data.table import TextTable, read_table
-from coaxlink.data.unit_check import SHAFT, check_signs, check_units
+from coaxlink.data.unit_check import SHAFT, check_signs, check_units, refuse_sums
 from coaxlink.errors import InputError
 
 _OURS_OF_A_ROTOR = {f"{side}_{QUANTITIES[q].suffix}" for side in (*SIDES, PAIR) for q in OF_A_ROTOR}
@@ -78,8 +78,9 @@ def read_stand_log(
     elif upper is not None:
         samples = exchanged_as_stated(samples, upper)
     _check(samples, table)
+    few = thinned(samples)
+    refuse_sums(few)
     if not trust_units:
-        few = thinned(samples)
         check_signs(few)
         check_units(few, headings, diameter_m, mapped.stated if mapped else frozenset())
     return without_repeats(samples.without(*(f"{side}_{SHAFT}" for side in SIDES)))

@@ -67,13 +67,6 @@ def check_signs(samples: Samples) -> None:
                     f"goes with the other rotor's speed, not with {effort}: the columns look exchanged; "
                     "name the right ones in a map (`columns`)",
                 )
-            if name.endswith("thrust_N") and _reads_both(samples, name, effort):
-                raise InputError(
-                    samples.source,
-                    f"column {name}",
-                    "rises with the other rotor's speed as with its own: thrust of both rotors together? "
-                    f"identify takes it as {PAIR}_thrust_N",
-                )
             if own_sign(samples, name, effort) < 0:
                 raise InputError(
                     samples.source,
@@ -81,6 +74,19 @@ def check_signs(samples: Samples) -> None:
                     "falls as its rotor speeds up: the sign is turned, or it is another column's; "
                     f'a map turns it: {name} = {{ column = "{name}", scale = -1 }}',
                 )
+
+
+def refuse_sums(samples: Samples) -> None:
+    """Raises InputError for a rotor's thrust that is both rotors' together."""
+    for side in SIDES:
+        effort, name = drive_of(samples, side), f"{side}_thrust_N"
+        if effort is not None and samples.has(name) and _reads_both(samples, name, effort):
+            raise InputError(
+                samples.source,
+                f"column {name}",
+                "rises with the other rotor's speed as with its own: thrust of both rotors together? "
+                f"identify takes it as {PAIR}_thrust_N",
+            )
 
 
 def _reads_both(samples: Samples, load: str, effort: str) -> bool:

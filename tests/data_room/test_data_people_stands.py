@@ -204,7 +204,7 @@ def test_a_sum_mapped_as_the_upper_rotors_thrust_is_refused(tmp_path: Path) -> N
         'upper_thrust_N = "Thrust (N)"\n'
     )
     with pytest.raises(InputError, match="both rotors together"):
-        read_stand_log(file(tmp_path, one_cell()), map_file, trust_units=False)
+        read_stand_log(file(tmp_path, one_cell()), map_file)
     alone = both("{name} {what}", {"rpm": ("speed", 1.0), "thrust (N)": ("thrust", 1.0)})
     del alone["lower thrust (N)"]
     read_stand_log(file(tmp_path, alone), trust_units=False)  # an upper rotor's own is none
