@@ -8,6 +8,7 @@ from coaxlink.errors import InputError
 
 # what the light install leaves out (companion/pyproject.toml), by the name it is imported under
 LEFT_OUT = {
+    "cvxpy": "cvxpy",
     "llvmlite": "numba",
     "jinja2": "jinja2",
     "lupa": "lupa",

@@ -1,15 +1,15 @@
 """Eq. 4 of Berra, Trujillo and Heredia 2024 in both of its forms.
 
 penalty     minimise |X b - y|^2 / 2 + lambda |b|_1        the whole path, by scikit-learn's LARS
-tolerance   minimise |b|_1  such that  sqrt(mean((X b - y)^2)) <= eps  (the paper's)   a point of that path;
-            eps in N or N m
+tolerance   minimise |b|_1  such that  sqrt(mean((X b - y)^2)) <= eps  (the paper's) by cvxpy; eps in N or N m
 
-Both work on the Gram matrix G = X'X, c = X'y, so their cost does not grow with the rows. scikit-learn is
-imported where it is used: it takes a second that most verbs need not wait for.
+Both work on the Gram matrix G = X'X, c = X'y, so their cost does not grow with the rows. cvxpy and
+scikit-learn are imported where they are used: each takes a second that most verbs need not wait for.
 """
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 
 import numpy as np
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+ZERO = 1e-7  # of the largest term's contribution: below it a coefficient is a solver's remainder
 ROUNDED = 1e-12  # of the path's largest coefficient: what rounding leaves of one that has left the path
 PIVOT = 1e-13  # of a term's own square: below it the terms before it give the same column
-SPENT = 1e-9  # of a tolerance squared: no room is left beside least squares
 SCALE = 1e6  # largest correlation handed to LARS, whose steps end 1e-7 above zero
 
 
@@ -100,25 +100,37 @@ def block_errors(G_blocks: Array, c_blocks: Array, yy_blocks: Array, lambdas: Ar
 def tolerance_form(X: Array, y: Array, eps: float) -> Array:
     """(p,) coefficients of the tolerance form for a design (n, p) and a target (n,).
 
-    They are the point of the penalty's path whose error is `eps`. Raises InfeasibleTolerance.
+    Raises InfeasibleTolerance.
     """
-    from scipy.optimize import brentq
+    import cvxpy as cp
 
-    least = np.asarray(np.linalg.lstsq(X, y, rcond=None)[0], np.float64)
+    q, root = np.linalg.qr(X / np.sqrt(len(y)))
+    target = q.T @ (y / np.sqrt(len(y)))  # |R b - target|^2 = |X b - y|^2 / n - const
+    least = np.linalg.lstsq(X, y, rcond=None)[0]
+    floor = float(np.mean((X @ least - y) ** 2))
+    if eps**2 < floor:
+        raise InfeasibleTolerance(eps, float(np.sqrt(floor)))
+    outside = max(float(np.mean(y**2) - target @ target), 0.0)  # what no combination of the terms explains
+    if eps**2 - outside <= 1e-9 * eps**2:
+        return np.asarray(least)
+    b = cp.Variable(X.shape[1])
+    bound = float(np.sqrt(eps**2 - outside))
+    solve(cp.Problem(cp.Minimize(cp.norm1(b)), [cp.norm(root @ b - target) <= bound]))
+    if b.value is None:
+        raise ArithmeticError("the solver found no optimum")
+    # interior-point solvers leave remainders where the optimum is zero
+    share = np.abs(b.value) * np.sqrt(np.mean(X**2, axis=0))
+    return np.where(share > ZERO * share.max(initial=0.0), b.value, 0.0)
 
-    def error(b: Array) -> float:
-        return float(np.sqrt(np.mean((X @ b - y) ** 2)))
 
-    if eps < error(least):
-        raise InfeasibleTolerance(eps, error(least))
-    G, c = X.T @ X, X.T @ y
-    most = float(np.abs(c).max(initial=0.0))
+def solve(problem: object) -> None:
+    """Solve a small cvxpy problem to twelve digits, else to nine; its variables hold the result, or None."""
+    import cvxpy as cp
 
-    def at(share: float) -> Array:
-        return np.asarray(lasso_path(G, c, np.array([share * most]))[0])
-
-    if eps >= error(at(1.0)):
-        return np.zeros(len(c))
-    if eps**2 - error(least) ** 2 <= SPENT * eps**2 or error(at(0.0)) >= eps:
-        return least
-    return at(float(brentq(lambda share: error(at(share)) - eps, 0.0, 1.0, xtol=1e-15)))
+    for digits in (1e-12, 1e-9):
+        with warnings.catch_warnings(), contextlib.suppress(cp.SolverError):
+            warnings.simplefilter("ignore")  # "may be inaccurate": the caller checks what it uses
+            problem.solve(  # type: ignore[attr-defined]
+                solver=cp.CLARABEL, tol_gap_abs=digits, tol_gap_rel=digits, tol_feas=digits
+            )
+            return

@@ -14,7 +14,7 @@ from sim.testing import standin
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 X8 = str(example("x8_paper.toml"))
-HEAVY = ("llvmlite", "matplotlib", "mavsdk", "numba", "scipy", "sim")
+HEAVY = ("cvxpy", "llvmlite", "matplotlib", "mavsdk", "numba", "scipy", "sim")
 
 
 def together(folder: Path, commands: list[list[str]], *options: str) -> list[tuple[int, str, str]]:
