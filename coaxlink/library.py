@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data import Samples
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.vehicle import Vehicle, vehicle_of
 
 if TYPE_CHECKING:
@@ -90,10 +90,17 @@ class Table:
         return f"Table({self.firmware}, {self.law} law, {size}, {wrong} findings that forbid it)"
 
 
-def make_table(vehicle: Vehicle | str | Path, firmware: str = "px4", law: str = "fitted") -> Table:
+def make_table(
+    vehicle: Vehicle | str | Path,
+    firmware: str = "px4",
+    law: str = "fitted",
+    *,
+    around_weak_rotor: bool = False,
+) -> Table:
     """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
 
-    Raises InputError for a vehicle that the firmware cannot hold.
+    Raises InputError for a vehicle that the firmware cannot hold, SafetyRefusal for a rotor file that says
+    that a rotor is weak, without `around_weak_rotor`.
 
     >>> from coaxlink.files import example
     >>> from coaxlink.vehicle import load_vehicle
@@ -103,6 +110,8 @@ def make_table(vehicle: Vehicle | str | Path, firmware: str = "px4", law: str = 
     from coaxlink.tables import files as table_files
 
     vehicle = vehicle_of(vehicle)
+    if "degraded_rotor" in vehicle.compensated and not around_weak_rotor:
+        raise SafetyRefusal("a rotor is weak: ground it (around_weak_rotor: a table around it)")
     made_from = f"{vehicle.rotors.form}, {len(vehicle.rotors.effects)} effects"
     if firmware == "px4":
         from coaxlink.tables.px4 import px4_speeds, report_px4

@@ -10,7 +10,7 @@ import pytest
 
 import coaxlink as cx
 from coaxlink.airframe import load_airframe
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.files import example
 from coaxlink.live.effects import LiveEffects
 from coaxlink.live.mixer import LiveMixer
@@ -105,7 +105,9 @@ def test_the_script_that_flew_the_healthy_rotor_flies_the_refined_one(tmp_path):
 
     vehicle = cx.load_vehicle(example("x8_paper.toml"), tmp_path / "refined.toml")
     speeds = cx.make_law("exact", vehicle).speeds(HOVER)
-    table = cx.make_table(vehicle, "px4")
+    with pytest.raises(SafetyRefusal, match="a rotor is weak"):
+        cx.make_table(vehicle, "px4")
+    table = cx.make_table(vehicle, "px4", around_weak_rotor=True)
 
     pull, drag = X8.loads(CRM, speeds)
     pull[2], drag[2] = 0.7 * pull[2], 0.82 * drag[2]  # what rotor 3 has lost
