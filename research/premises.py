@@ -61,6 +61,7 @@ def messages(log: Flight, order: tuple[int, ...], *, mapped: bool) -> Iterator[t
         if k % 50 == 0:
             yield t, mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3)
             yield t, mavlink.MAVLink_extended_sys_state_message(0, 2)
+            yield t, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 25000, -1, 95, 0, 0, 0, 0, 0, 0)
         pulses = [round(1000 + 1000 * float(log[f"motor{n}"][k])) for n in order] + [0] * 8
         yield t, mavlink.MAVLink_servo_output_raw_message(us, 0, *pulses)
         accel, gyro = ([float(log[c.format(a)][k]) for a in "xyz"] for c in IMU)

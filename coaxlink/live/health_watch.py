@@ -27,7 +27,7 @@ POLL_S = 0.05
 WAITING = 512  # messages: some seconds of them
 HEARD = frozenset(
     {"HEARTBEAT", "EXTENDED_SYS_STATE", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU", "ATTITUDE",
-     "ATTITUDE_QUATERNION"}
+     "ATTITUDE_QUATERNION", "SYS_STATUS"}
 )  # fmt: skip
 RATE_HZ = 50.0
 ASK_AFTER_S = 2.0  # streams that come by themselves have come by then

@@ -142,6 +142,8 @@ class InAir:
             self._fly(bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), self._flying)
         elif kind == "EXTENDED_SYS_STATE":
             self._fly(self._armed, message.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR)
+        elif kind == "SYS_STATUS" and 0 <= message.battery_remaining <= 100:
+            self._weighed.charge = message.battery_remaining / 100
         elif kind in ("RAW_IMU", "SCALED_IMU"):
             self._accel = self._time_s, message.zacc * 1e-3 * GRAVITY_M_S2
         elif kind == "HIGHRES_IMU":

@@ -26,6 +26,7 @@ HELD = 0.5  # probability: likelier than not
 WEIGHED_S = WINDOW * BLOCK_S  # a test looks back so far; what it has not held by then it will not
 LEAST_S = 5.0  # of flight before any call: two and a half swings of the slowest attitude loop (`QUICK_S`)
 MOST_S = 60.0  # looked back to
+FULL = 0.8  # of its charge: the pack's voltage is known well enough to weigh the vehicle by its lift
 LOOK_S = 10.0  # between looks whether this is the vehicle
 
 
@@ -71,6 +72,8 @@ class Weighed:
         # premise -> why nothing can be said
         self.doubts: dict[str, NotJudged] = before.doubts if before else {}
         self.differs: tuple[OtherVehicle, ...] = before.differs if before else ()
+        self.charge = before.charge if before else None  # of the pack, 0..1, where it is told
+        self._weight: tuple[OtherVehicle, ...] = ()  # what its lift said while the pack was full
 
     def command(self, time_s: float, commands: Sequence[float]) -> None:
         """As `Stream.command`."""
@@ -115,7 +118,7 @@ class Weighed:
         return None
 
     def _look(self, now_s: float) -> None:
-        """Is this the vehicle? The pack's voltage at take-off is not known here: it may be empty."""
+        """Is this the vehicle? Its lift weighs it while the pack is full; later that may be empty."""
         self._looked_s = now_s
         blocks = [b for b in self._blocks if np.isfinite(b.measured[0])] or list(self._blocks)
         if len(blocks) * BLOCK_S < LEAST_S:
@@ -124,7 +127,12 @@ class Weighed:
         speeds = np.array([b.speeds for b in blocks])
         stretch = np.cumsum([b.after_gap for b in blocks]).astype(float)
         body, model = self._vehicle.airframe, self._vehicle.model
-        self.differs = differs(Flown(body, model, speeds, meant, moved, stretch, BLOCK_S, LEAST_LEFT))
+        full = self.charge is not None and self.charge > FULL and len(blocks) < (self._blocks.maxlen or 0)
+        left = LEAST_LEFT + (1.0 - LEAST_LEFT) * (self.charge or 0.0) if full else LEAST_LEFT
+        found = differs(Flown(body, model, speeds, meant, moved, stretch, BLOCK_S, left))
+        if full:
+            self._weight = tuple(d for d in found if d.check == "lift")
+        self.differs = (*self._weight, *(d for d in found if d.check != "lift" or not self._weight))
 
 
 def _body(wrench: Array) -> Array:

@@ -28,6 +28,7 @@ from sim.vehicle import read_vehicle
 FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))
 ONSETS = {3: 12.0, 8: 19.0}
 BEAT = mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3)
+CHARGED = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 25000, -1, 95, 0, 0, 0, 0, 0, 0)
 FLYING, LANDED = (mavlink.MAVLink_extended_sys_state_message(0, state) for state in (2, 1))
 
 
@@ -51,7 +52,7 @@ def mixer(vehicle, dry_run=False, state=LIVE):
 def fly(live, watch, log):
     """Everything the autopilot says, at 50 Hz, each judged at once."""
     watch.listen()
-    for message in (BEAT, FLYING):
+    for message in (BEAT, FLYING, CHARGED):
         live.session.hear(message)
     for k, t in enumerate(log["time_s"].tolist()):
         stamp = round(1e6 * t) + 1_000_000
@@ -94,6 +95,7 @@ def test_what_hangs_on_a_guess_or_on_another_vehicle_is_no_call(vehicle, log, mo
             ("guessed, and it does not matter", guessed(vehicle), log, holds, "rotor 3 lost"),
             ("guessed, and it matters", guessed(vehicle), log, blind, "cannot judge, measure inertia_kg_m2"),
             ("outputs exchanged", vehicle, twice, holds, "not this vehicle (outputs)"),
+            ("a fifth lighter", guessed(vehicle, mass_kg=0.8 * body.mass_kg), log, holds, "vehicle (lift)"),
             (
                 "30 % heavier",
                 guessed(vehicle, mass_kg=1.3 * body.mass_kg),
