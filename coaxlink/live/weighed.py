@@ -72,7 +72,7 @@ class Weighed:
         # premise -> why nothing can be said
         self.doubts: dict[str, NotJudged] = before.doubts if before else {}
         self.differs: tuple[OtherVehicle, ...] = before.differs if before else ()
-        self.charge = before.charge if before else None  # of the pack, 0..1, where it is told
+        self.charge: float | None = before.charge if before else None  # of the pack, 0..1, where it is told
         self._weight: tuple[OtherVehicle, ...] = ()  # what its lift said while the pack was full
 
     def command(self, time_s: float, commands: Sequence[float]) -> None:
