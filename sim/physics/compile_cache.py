@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import register_jitable
 
@@ -52,12 +53,23 @@ def private(folder: Path) -> bool:
     return ours and not any(mode & 0o002 and not mode & stat.S_ISVTX for mode in above)
 
 
+class BySource(UserProvidedCacheLocator):
+    """In that folder by the name of the source's own: checkouts of one source share what one compiled."""
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """As numba asks for it, without a hash of the path."""
+        return Path(py_file).parent.name
+
+
 def cached(**options: Any) -> Callable[[Callable[..., None]], Any]:
     """`numba.njit`, compiled once for this source; every time, where others could change the cache."""
 
     def decorate(function: Callable[..., None]) -> Any:
         cache_folder = folder()
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder)
+        config = numba.config
+        before = config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES
+        config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(cache_folder), f"{__name__}.BySource"
         try:
             keep = private(cache_folder)
             made = numba.njit(cache=keep, **options)(function)
@@ -65,7 +77,7 @@ def cached(**options: Any) -> Callable[[Callable[..., None]], Any]:
         except (RuntimeError, OSError):
             return numba.njit(**options)(function)
         finally:
-            numba.config.CACHE_DIR = before
+            config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = before
 
     return decorate
 

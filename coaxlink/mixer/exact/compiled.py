@@ -44,11 +44,13 @@ def kept_code() -> Iterator[bool]:
     import numba
 
     folder = files.code_folder(f"exact-{source_digest()}")
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+    config = numba.config
+    before = config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES
+    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(folder), f"{__package__}.by_source.BySource"
     try:
         yield not files.keep_private(folder)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = before
 
 
 def source_digest(folder: Path = Path(__file__).parent) -> str:
