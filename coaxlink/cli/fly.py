@@ -109,6 +109,11 @@ def fly(
             except OverLimit:
                 found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
                 raise
+            if flown.swing is not None and flown.swing > SAID:
+                gain = f"{flown.swing:.1f} times"
+                say(
+                    f"the first small swing went {gain} as far as asked: the others were flown {gain} smaller"
+                )
             say(f"landed after {flown.flown_s:.0f} s, {flown.worst_m:.2f} m off its set-points at most")
             found = _bring_down(logs, out, before) if log else {}
     finally:
@@ -122,6 +127,7 @@ def fly(
         say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
 
 
+SAID = 1.1  # times as far as asked: less is no news
 _PLACE = Path("flight")  # where flights lie, each in a folder of its time
 
 

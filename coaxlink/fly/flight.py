@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CoaxlinkError, LinkError, SafetyRefusal
 from coaxlink.fly.commands import SILENCE_S, Commander, NotReached, PlanAbandoned, Start
 from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
+from coaxlink.fly.sizing import MOST, first_swing, overshoot, sized
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
@@ -24,6 +25,7 @@ STREAMS = {32: 20.0, 30: 20.0, 33: 2.0, 1: 2.0, 147: 2.0, 245: 2.0}
 READY_S = 20.0  # in which a vehicle must pass its own pre-arm checks
 REPORTED_S = 10.0  # in which it must say what is left in the battery: twenty of its messages
 CLIMB_S, LAND_S = 40.0, 120.0  # vehicle's time to the first height, and to the ground
+
 Watch = Callable[[str, float, PositionState], None]
 
 
@@ -42,6 +44,7 @@ class Flown:
     worst_m: float = 0.0  # off the set-point
     battery: tuple[float | None, float | None] = (None, None)  # before, after
     segments: list[str] = field(default_factory=list)
+    swing: float | None = None  # times as far as asked that the first small swing went; None without one
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
@@ -54,6 +57,7 @@ class Flown:
             "battery_before": self.battery[0],
             "battery_after": self.battery[1],
             "segments": self.segments,
+            "first_swing_went": self.swing,
         }
 
 
@@ -122,6 +126,12 @@ class Pilot:
         try:
             commander.arm()
             commander.take_off(-plan.at(0.0)[1].position_m[2], CLIMB_S, held)
+            if (small := first_swing(plan)) is not None:
+                flown.swing = overshoot(small, commander.follow(small, start=self._start, held=held))
+                if flown.swing > MOST:
+                    far = f"the first small swing went {flown.swing:.1f} times as far as asked"
+                    raise OverLimit(f"flight ended and landed: {far}: tune its position loops first")
+                plan = sized(plan, flown.swing)
             commander.follow(plan, start=self._start, held=held)
             commander.land(LAND_S)
             flown.result = "flown"

@@ -47,6 +47,9 @@ GUST_S = 2.5  # of d: how long a gust lasts over a hovering vehicle, MIL-F-8785C
 RATIOS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0])  # of d's standard deviation to the noise's
 MEMORY = 300  # blocks over which noise and the filters' scores are forgotten
 WINDOW = 25  # onsets looked back to: the two seconds that a loss may take to be named, and a little
+# share of its first block for which a loss was there: it sets in anywhere within one, and the first blocks,
+# which no filter has followed yet, say most of its size
+WITHIN = np.array([0.2, 0.4, 0.6, 0.8, 1.0])
 LASTING = 5  # blocks that an onset is old: the first holds a part of it, motors and loops settle in the next
 SETTLING = 30  # blocks before anything is said: three times what four unknowns need
 SCALE = 0.10  # of the wrench: inertia as drawn, voltage, air
@@ -156,6 +159,7 @@ class SequentialTest:
         self._shift = np.zeros((WINDOW, 4, len(RATIOS), STATES))
         self._information = np.zeros((WINDOW, 4))  # information on a unit step in each channel
         self._correlation = np.zeros((WINDOW, 4))  # and its correlation with the innovations
+        self._both = np.zeros((WINDOW, 4))  # information that a step shares with one a block later
         self._onsets = 0
 
     def step(self, block: HealthInterval) -> Verdict:
@@ -227,12 +231,13 @@ class SequentialTest:
 
     def _onset(self, i: Innovation) -> None:
         if self._onsets == WINDOW:
-            for a in (self._shift, self._information, self._correlation):
+            for a in (self._shift, self._information, self._correlation, self._both):
                 a[:-1] = a[1:].copy()
         else:
             self._onsets += 1
         n = self._onsets
-        self._shift[n - 1], self._information[n - 1], self._correlation[n - 1] = 0.0, 0.0, 0.0
+        for a in (self._shift, self._information, self._correlation, self._both):
+            a[n - 1] = 0.0
         shift = self._shift[:n]
         shift[..., 3] *= i.keep
         rho = i.shape[:, None] - (shift @ i.H[:, :, None])[..., 0]
@@ -243,45 +248,53 @@ class SequentialTest:
         h = np.where(i.known, rho[:, rows, i.best] / sd, 0.0)
         self._information[:n] += h * h
         self._correlation[:n] += h * z
+        self._both[: n - 1] += h[:-1] * h[1:]
 
     def _weigh(self, block: HealthInterval, lift: float) -> Verdict:
         """Likelihood ratios of all onsets of all hypotheses, and the probabilities."""
-        information, correlation = (
-            a[: self._onsets - LASTING] for a in (self._information, self._correlation)
-        )
         if self._onsets <= LASTING:
             return Verdict(block.time_s, True, (), 0.0)
+        information, correlation = self._within()
         most = float((0.5 * correlation**2 / np.maximum(information, 1e-12)).sum(axis=1).max())
         if most < np.log(0.1 * WATCH * self.limit / WINDOW):  # even a step free in each channel
             return Verdict(block.time_s, True, (), 0.0)
         F = fault_shapes(self.vehicle, self._plain, block.speeds) / (self._reference * lift)
         logs, means, sds = self._rotors(F, information, correlation)  # (K, T, N) each
         N = len(self.numbers)
-        logs = logs - np.log(len(F) * N * self.limit)
+        logs = logs - np.log(len(F) * N * len(WITHIN) * self.limit)
         p2 = DISTURBED**2
         jolt = (0.5 * correlation**2 / (information + 1.0 / p2) - 0.5 * np.log1p(p2 * information)).sum(
             axis=1
         )
-        jolt = jolt + np.log(BLOCK_S / JOLTS_S)
+        jolt = jolt + np.log(BLOCK_S / JOLTS_S / len(WITHIN))
         top = max(float(logs.max()), float(jolt.max()), 0.0)  # the logs run to thousands
         weights, jolted = np.exp(logs - top), float(np.exp(jolt - top).sum())
         each = weights.sum(axis=(0, 1))
         total = float(np.exp(-top) + jolted + each.sum())
         found = []
         for i in np.argsort(-each):
-            own = weights[:, :, i]
-            kind, onset = np.unravel_index(int(np.argmax(own)), own.shape)
+            own = weights[:, :, i] / max(float(each[i]), 1e-300)
+            mean = float(np.sum(own * means[:, :, i]))
+            square = float(np.sum(own * (means[:, :, i] ** 2 + sds[:, :, i] ** 2)))
+            slower = float(own[len(TORQUES)].sum()) > 0.5
+            # a share of the thrust at the commanded speed, and that is known to LIFT_TODAY, as in `judge`
+            sd = math.sqrt(max(square - mean**2, 0.0) + (LIFT_TODAY * mean) ** 2)
             found.append(
-                Suspicion(
-                    self.numbers[i],
-                    float(each[i] / total),
-                    float(np.clip(means[kind, onset, i], 0.0, 1.0)),
-                    float(sds[kind, onset, i]),
-                    bool(kind == len(TORQUES)),
-                )
+                Suspicion(self.numbers[i], float(each[i] / total), min(max(mean, 0.0), 1.0), sd, slower)
             )
         called = found[0] if found[0].probability >= CALL else None
         return Verdict(block.time_s, True, tuple(found), jolted / total, called)
+
+    def _within(self) -> tuple[Array, Array]:
+        """(T, 4) information and correlation of every onset that is old enough, within a block as between."""
+        n = self._onsets - LASTING
+        f = WITHIN[:, None, None]
+        (one, next_one), (pull, next_pull) = (
+            (a[:n], a[1 : n + 1]) for a in (self._information, self._correlation)
+        )
+        information = f**2 * one + 2 * f * (1 - f) * self._both[:n] + (1 - f) ** 2 * next_one
+        correlation = f * pull + (1 - f) * next_pull
+        return information.reshape(-1, 4), correlation.reshape(-1, 4)
 
     def _rotors(self, F: Array, information: Array, correlation: Array) -> tuple[Array, Array, Array]:
         """(K, T, N) log likelihood ratio, mean loss and its sd, for each kind of loss."""

@@ -11,11 +11,13 @@ The demand goes to the links where a companion has asked for it within REQUEST_M
 group ASK that commands nothing: a radio with a ground station behind it is not flooded. One companion is
 followed until it has been silent for HOLD_MS, and told to all: controls 5 and 6 of the demand are the system
 and component of the companion followed, 0 when there is none. Control 7 is how many commands it has taken,
-modulo COUNTED: what a line loses shows in it.
+modulo COUNTED: what a line loses shows in it. Control 8 is the token with which the companion followed asked:
+two with the same ids, on two links, tell by it which of them that is.
 """
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -40,6 +42,7 @@ from firmware_params.errors import TableError
 if TYPE_CHECKING:
     from coaxlink.mavlink.session import Session
 
+TOKENS = 2**24  # whole numbers so far are exact in the message's single precision
 FIND_S, ASK_EVERY_S, REMIND_S = 1.5, 0.3, 1.0
 
 
@@ -71,6 +74,7 @@ class BridgeEnd:
 
     def __init__(self, session: Session) -> None:
         self._session, self._clock, self._requested_s = session, session.clock, 0.0
+        self.token = 1 + secrets.randbelow(TOKENS - 1)  # 0 is none
         self.taken = Count(COUNTED)  # of our commands, by the script
         self.acknowledged = False  # at some time it said that it follows us
 
@@ -90,12 +94,15 @@ class BridgeEnd:
 
     def hear(self, demand: Sequence[float]) -> str | None:
         """Another companion that a demand (stamp, eight controls, group) says the bridge follows."""
-        who = demand[5:7]
+        who, token = tuple(demand[5:7]), demand[8]
         self.taken.hear(demand[7])
-        self.acknowledged = self.acknowledged or tuple(who) == self._session.source
-        if tuple(who) in ((0.0, 0.0), self._session.source):
+        named = f"system {who[0]:g} component {who[1]:g}"
+        if who == self._session.source and token in (0.0, self.token):
+            self.acknowledged = True
             return None
-        return f"system {who[0]:g} component {who[1]:g}"
+        if who == (0.0, 0.0):
+            return None
+        return named if who != self._session.source else f"{named}, our own ids, on another link"
 
     def account(self) -> dict[str, int]:
         """What it said of itself, as `coaxlink mix --json` has it under `board`."""
@@ -106,7 +113,7 @@ class BridgeEnd:
         identity = self._session.identity
         self._session.send(
             mavlink.MAVLink_set_actuator_control_target_message(
-                0, ASK, identity.system, identity.component, [0.0] * CONTROLS
+                0, ASK, identity.system, identity.component, [self.token, *[0.0] * (CONTROLS - 1)]
             )
         )
 

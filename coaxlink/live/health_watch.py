@@ -25,10 +25,8 @@ if TYPE_CHECKING:
 
 POLL_S = 0.05
 WAITING = 512  # messages: some seconds of them
-HEARD = frozenset(
-    {"HEARTBEAT", "EXTENDED_SYS_STATE", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU", "ATTITUDE",
-     "ATTITUDE_QUATERNION", "SYS_STATUS"}
-)  # fmt: skip
+RATES = ("HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION")
+HEARD = frozenset({"HEARTBEAT", "EXTENDED_SYS_STATE", "RAW_IMU", "SCALED_IMU", "SYS_STATUS", *RATES})
 RATE_HZ = 50.0
 ASK_AFTER_S = 2.0  # streams that come by themselves have come by then
 
@@ -94,20 +92,19 @@ class HealthWatch:
                 self.tell(short(reason), mavlink.MAV_SEVERITY_WARNING, reason.line())
 
     def _ask(self) -> None:
-        """For rates where none come by themselves (an ArduPilot sends nothing unasked)."""
+        """For rates where none come by themselves, or too slowly (an ArduPilot sends nothing unasked)."""
         if self._stopping.wait(ASK_AFTER_S):
             return
         session = self._live.session
-        wanted = {"EXTENDED_SYS_STATE": 2.0}
-        rates = ("HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION")
-        if not any(session.latest(name) for name in rates):
-            wanted |= {"ATTITUDE": RATE_HZ, "RAW_IMU": RATE_HZ}
+        wanted = {"EXTENDED_SYS_STATE": 2.0} if session.latest("EXTENDED_SYS_STATE") is None else {}
+        if self.in_air.slow or not any(session.latest(name) for name in RATES):
+            names = ("HIGHRES_IMU",) if session.identity.is_px4 else ("ATTITUDE", "RAW_IMU")
+            wanted |= dict.fromkeys(names, RATE_HZ)
         for name, rate_hz in wanted.items():
-            if session.latest(name) is None:
-                try:
-                    session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), rate_hz)
-                except CoaxlinkError:
-                    return
+            try:
+                session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), rate_hz)
+            except CoaxlinkError:
+                return
 
     def tell(self, text: str, severity: int, words: str) -> None:
         """STATUSTEXT to the vehicle, for its log and those it forwards to; `words` to whoever flies it."""

@@ -5,6 +5,7 @@ and SCALED_IMU; commands from whoever knows them, stamped with the vehicle's clo
 armed and in the air by the vehicle's own word (EXTENDED_SYS_STATE); on the ground, where legs push too, all
 but calls, and reasons against any, is forgotten. A call is never taken back; after REFINED_S, when its size
 is settled, the test goes on with that loss in the model. What hangs on a guess is no call (`weighed`).
+Where either side comes too slowly for the test no word is given.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.health.priors import TORQUE_WITH_THRUST
 from coaxlink.health.sequential import HOURS, Suspicion, Verdict
+from coaxlink.health.stream import STALE_S
 from coaxlink.live.weighed import Weighed
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason
 from coaxlink.vehicle import Vehicle
@@ -25,6 +27,8 @@ from coaxlink.vehicle import Vehicle
 REFINED_S = 1.0  # from a call until its size is taken over: the first blocks hold a part of the loss
 RIVAL_S = 1.0  # a better source that was heard within this is the one that counts
 ACCEL_S = 0.2  # an acceleration older than this is not the rates'
+LEAST_HZ = 3.0 / STALE_S  # of rates and commands: slower, a late message is a gap
+PACE_S = 2.0  # over which their rate is a mean
 WRAP_S = 2**32 / 1e6  # of 32 bit microseconds
 APART_S = 2.0  # commands further than this from the rates have another clock
 NEEDS = "needs ATTITUDE or HIGHRES_IMU, the motor commands and EXTENDED_SYS_STATE"
@@ -92,6 +96,27 @@ class RotorsInAir:
 NOTHING_HEARD = RotorsInAir("", NEEDS)
 
 
+class _Pace:
+    """How often something comes, by its own stamps."""
+
+    def __init__(self) -> None:
+        self._last_s, self._mean_s = -RIVAL_S, 0.0
+
+    def came(self, time_s: float) -> None:
+        step, self._last_s = time_s - self._last_s, time_s
+        if not 0.0 < step < RIVAL_S:
+            self._mean_s = 0.0  # it begins, or begins again
+        elif self._mean_s == 0.0:
+            self._mean_s = step
+        else:
+            self._mean_s += (step - self._mean_s) * min(step / PACE_S, 1.0)
+
+    @property
+    def slow_hz(self) -> float | None:
+        """Its rate where that is too slow; None while nothing is known."""
+        return 1.0 / self._mean_s if self._mean_s * LEAST_HZ > 1.05 else None  # stamps jitter
+
+
 def short(reason: Reason) -> str:
     """A reason in at most 50 bytes, for STATUSTEXT."""
     if isinstance(reason, NotJudged):
@@ -112,6 +137,7 @@ class InAir:
         self._time_s = 0.0  # of the newest rates
         self._imu_s = -RIVAL_S
         self._kind = ""
+        self._paces = {"rates": _Pace(), "motor commands": _Pace()}
         self._accel = (-ACCEL_S, float("nan"))
 
     @property
@@ -125,6 +151,8 @@ class InAir:
             return RotorsInAir("", "judged in the air only", (), self.calls)
         if self._verdict is None:
             return RotorsInAir("", NEEDS, (), self.calls)
+        if self.slow:
+            return RotorsInAir("", f"cannot judge: {self.slow}", (), self.calls)
         if not self._verdict.ready:
             return RotorsInAir("", "not enough flown", (), self.calls)
         word = "called" if self.calls else self._verdict.word
@@ -134,6 +162,13 @@ class InAir:
     def reasons(self) -> tuple[Reason, ...]:
         """Why nothing can be said; of the last flight, until another one says otherwise."""
         return (*self._weighed.differs, *self._weighed.doubts.values())
+
+    @property
+    def slow(self) -> str:
+        """What comes too slowly to judge by, in words; "" where nothing does."""
+        found = {name: hz for name, pace in self._paces.items() if (hz := pace.slow_hz) is not None}
+        told = " and ".join(f"{name} at {hz:.2g} Hz" for name, hz in found.items())
+        return f"{told}, {LEAST_HZ:.0f} Hz and more are needed" if told else ""
 
     def heard(self, message: Any) -> Call | None:
         """A message of the autopilot; a call that it brought, and the same again once its size is settled."""
@@ -165,6 +200,7 @@ class InAir:
         time_s += turns * WRAP_S
         known = [u for u in commands if u is not None]
         if self._flying and len(known) == len(commands) and abs(time_s - self._time_s) < APART_S:
+            self._paces["motor commands"].came(time_s)
             self._weighed.command(time_s, known)
 
     def _fly(self, armed: bool, flying: bool) -> None:
@@ -182,6 +218,7 @@ class InAir:
         self._time_s = time_s
         if not self._flying:
             return None
+        self._paces["rates"].came(time_s)
         new = None
         for verdict, agreed in self._weighed.reading(time_s, rates, accel_z):
             self._verdict = verdict

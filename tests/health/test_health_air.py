@@ -89,6 +89,20 @@ def test_a_sudden_push_that_is_no_rotors_is_none(flown):
     assert max(v.disturbed for v in verdicts) > 0.5
 
 
+def test_the_size_holds_the_truth_wherever_in_a_block_the_loss_sets_in(flown):
+    vehicle, _ = flown
+    rotors, loss, rotor = PlainRotors.of(vehicle), 0.1, 2
+    for part in (1.0, 0.7, 0.4, 0.1):
+        test, found = SequentialTest(vehicle), []
+        for k, b in enumerate(made_blocks(vehicle, 140, np.random.default_rng(3))):
+            share = 0.0 if k < 120 else part if k == 120 else 1.0
+            lost = share * loss * fault_shapes(vehicle, rotors, b.speeds)[1, rotor - 1]
+            found = test.step(replace(b, measured=b.measured + lost)).suspicions
+        assert found[0].rotor == rotor
+        assert found[0].loss == pytest.approx(loss, abs=0.06 * loss), part
+        assert abs(found[0].loss - loss) < 1.96 * found[0].loss_sd < 0.3 * loss
+
+
 def made_blocks(vehicle, count, rng):
     """Blocks of a hover whose residual is nothing but white noise."""
     frame, rotors = vehicle.airframe, PlainRotors.of(vehicle)

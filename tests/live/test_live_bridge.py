@@ -157,6 +157,23 @@ def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Copter) -
 
 
 @slow
+def test_of_two_with_the_same_ids_the_second_knows_that_it_is_not_followed(copter: Copter) -> None:
+    first, twin = Companion(copter), Companion(copter, link=1)
+    live = first.mix()
+    first.until_live(live)
+    late = twin.mix()
+    copter.fly(1.5)  # its question goes out anew each second
+    assert isinstance(late.error, SafetyRefusal) and "our own ids" in str(late.error)
+    assert late.core.counters.cycles == 0
+    assert live.error is None and all(row.driven for row in copter.rows)
+    first.line.dead = True
+    copter.fly(0.3)
+    heir = Companion(copter, link=1)
+    heir.until_live(heir.mix())
+    assert copter.driven
+
+
+@slow
 def test_the_demand_goes_where_a_companion_asks_for_it_and_nowhere_else(copter: Copter) -> None:
     station, companion = Companion(copter, component=190), Companion(copter, link=1)
     heard: list[str] = []

@@ -34,15 +34,15 @@ def flight():
     return vehicle, fly_quick(made, FlightWorld((wind, weak), 2, "wander", 12.0), 8)[1]
 
 
-def played(vehicle, log, *, landed=2, armed=True, boot_s=5.0, to_s=99.0):
-    """A watch that heard the flight: rates at 50 Hz, outputs at 10 Hz with 32 bit stamps."""
+def played(vehicle, log, *, landed=2, armed=True, boot_s=5.0, to_s=99.0, every=1):
+    """A watch that heard the flight: rates at 50 Hz, outputs at 50 Hz / `every` with 32 bit stamps."""
     scene = Scene(vehicle)
     scene.hear(heartbeat(armed), mavlink.MAVLink_extended_sys_state_message(0, landed))
     for k, t in enumerate(log["time_s"].tolist()):
         stamp = round(1e6 * (t + boot_s))
         if t > to_s:
             break
-        if k % 5 == 0:
+        if k % every == 0:
             pulses = [round(1000 + 1000 * log[f"motor{i + 1}"][k]) for i in range(8)] + [0] * 8
             scene.hear(mavlink.MAVLink_servo_output_raw_message(stamp % 2**32, 0, *pulses))
         gyro = [float(log[f"gyro_{a}_rad_s"][k]) for a in "xyz"]
@@ -105,3 +105,10 @@ def test_before_it_and_on_the_ground_nothing_is_said(flight):
         view = played(*flight, landed=landed, armed=armed)
         assert view.health.word == "" and not view.health.calls
         assert "not judged" in words.summary(view).plain
+
+
+def test_what_comes_too_slowly_is_no_verdict(flight):
+    view = played(*flight, every=5, to_s=ONSET_S - 0.2)
+    assert view.health.word == "" and not view.health.calls
+    assert view.health.why == "cannot judge: motor commands at 10 Hz, 20 Hz and more are needed"
+    assert "sound" not in words.summary(view).plain

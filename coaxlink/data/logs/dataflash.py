@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.data.logs.changes import Change, periods, read_in_periods
 from coaxlink.data.logs.dataflash_text import read_text
 from coaxlink.data.logs.outputs import (
     ARDUPILOT_OUTPUTS,
@@ -35,6 +36,7 @@ TYPES = (
     "MOUT", "RCOU", "RCO2", "RCO3", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "ATT", "BAT", "CURR", "RFND",
     "ESC", "EV", "ARM",
 )  # fmt: skip
+OUTPUTS = ("MOUT", "RCOU", "RCO2", "RCO3")
 MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
 TRAILING = 528  # bytes that may follow: pymavlink's own figure, twice the page of block-based logging
 HEAD = b"\xa3\x95"  # of every message
@@ -44,12 +46,24 @@ INSTANCE = ("Instance", "Inst", "I")  # what the number of a sensor is called, o
 
 def read_dataflash(path: Path) -> Samples:
     """An ArduPilot log as flight columns. Raises InputError."""
-    found, parameters, damaged = _read(path, TYPES)
+    found, damaged = _read(path, (*TYPES, "PARM"))
+    first, changes = _set(found.pop("PARM", []))
+    parameters = first | _before_arming(changes, found.get("EV", ()))
     messages = {name: message for name, rows in found.items() if (message := _message(rows)) is not None}
     notes: list[str] = []
     premises = [DAMAGED] * damaged
     outputs = ardupilot_map(parameters)
-    motors = _motors(messages, parameters, outputs, notes, premises)
+    motors = read_in_periods(
+        periods(first, changes),
+        lambda held, said, taken: _motors(
+            {n: rows for n, m in messages.items() if n in OUTPUTS and (rows := held.of(m))},
+            held.parameters,
+            said,
+            taken,
+        ),
+        notes,
+        premises,
+    )
     estimate = _core(messages, "XKF1") or messages.get("NKF1")
     attitude = longest(estimate, messages.get("ATT"))
     battery = _instance(messages.get("BAT"), INSTANCE) or messages.get("CURR")
@@ -69,12 +83,13 @@ def read_dataflash(path: Path) -> Samples:
 
 def dataflash_parameters(path: Path) -> dict[str, float]:
     """The parameters an ArduPilot log holds, the last value of each. Raises InputError."""
-    return _read(path, ())[1]
+    first, changes = _set(_read(path, ("PARM",))[0].get("PARM", []))
+    return first | {name: value for _, name, value in changes}
 
 
 def dataflash_texts(path: Path) -> list[tuple[float, str]]:
     """(time_s, text) of what ArduPilot logged in words, in order. Raises InputError."""
-    found, _, _ = _read(path, ("MSG",))
+    found, _ = _read(path, ("MSG",))
     return [(m.TimeUS / 1e6, str(m.Message)) for m in found.get("MSG", ())]
 
 
@@ -84,6 +99,20 @@ def is_binary(path: Path) -> bool:
         return stream.read(2) == HEAD
 
 
+def _set(rows: Sequence[Any]) -> tuple[dict[str, float], list[Change]]:
+    """Parameters as a log begins with them, and everything that it says was set."""
+    first: dict[str, float] = {}
+    for m in rows:
+        first.setdefault(m.Name, m.Value)
+    return first, [(m.TimeUS / 1e6, m.Name, m.Value) for m in rows]
+
+
+def _before_arming(changes: Sequence[Change], events: Sequence[Any]) -> dict[str, float]:
+    """What was set before it was first armed, or at any time where no event says when that was."""
+    armed = next((m.TimeUS / 1e6 for m in events if m.Id == EVENT_ARMED), None)
+    return {name: value for time, name, value in changes if armed is None or time <= armed}
+
+
 def _message(rows: list[Any]) -> Message | None:
     """The numeric fields of all messages of one kind; None where they have no stamps."""
     fields = [f for f in rows[0].get_fieldnames() if not isinstance(getattr(rows[0], f), (str, bytes))]
@@ -91,13 +120,11 @@ def _message(rows: list[Any]) -> Message | None:
     return columns | {"time_s": columns["TimeUS"] / 1e6} if "TimeUS" in columns else None
 
 
-def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, float], bool]:
-    """The messages of these types by name, the last value of each parameter, and whether some of the log
-    could not be read. Raises InputError."""
+def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], bool]:
+    """Messages of these types by name, and whether some could not be read. Raises InputError."""
     if not is_binary(path):
         return read_text(path, types)
     found: dict[str, list[Any]] = {}
-    parameters: dict[str, float] = {}
     kind = _reader_class()
     reader = kind.__new__(kind)  # to close what a failing start opened
     try:
@@ -107,18 +134,15 @@ def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[
             for number, form in reader.formats.items():
                 if struct.calcsize(form.msg_struct) != form.len - 3:  # none can be read
                     reader.counts[number] = 0
-            while (message := reader.recv_match(type=[*types, "PARM"])) is not None:
-                if message.get_type() == "PARM":
-                    parameters[message.Name] = message.Value
-                else:
-                    found.setdefault(message.get_type(), []).append(message)
+            while (message := reader.recv_match(type=list(types))) is not None:
+                found.setdefault(message.get_type(), []).append(message)
     except Exception as error:  # pymavlink raises bare Exception on a torn format message
         raise InputError(path, "", f"not a readable DataFlash log ({one_line(error)})") from error
     finally:
         for name in ("data_map", "filehandle"):
             with contextlib.suppress(AttributeError, BufferError):  # not opened; still looked at by an error
                 getattr(reader, name).close()
-    return found, parameters, holes or reader.lost > 0
+    return found, holes or reader.lost > 0
 
 
 def _has_holes(reader: Any) -> bool:
@@ -169,7 +193,6 @@ def _core(messages: Mapping[str, Message], name: str) -> Message | None:
 def _motors(
     messages: Mapping[str, Message],
     parameters: Mapping[str, float],
-    outputs: Map,
     notes: list[str],
     premises: list[str],
 ) -> TimeSeries | None:
@@ -180,6 +203,7 @@ def _motors(
     elif "RCOU" in messages:
         logged, where = messages["RCOU"], "RCOU"
         values = _channels(messages)
+        outputs = ardupilot_map(parameters)
         if not outputs:
             premises.append(OUTPUTS_AS_MOTORS)
             outputs = tuple(o for o in as_motors(values, parameters, "SERVO") if o.channel <= 8)

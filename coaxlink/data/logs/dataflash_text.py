@@ -39,15 +39,12 @@ class TextMessage(SimpleNamespace):
         return list(vars(self))
 
 
-def read_text(
-    path: Path, types: Sequence[str]
-) -> tuple[dict[str, list[TextMessage]], dict[str, float], bool]:
-    """Messages of these types by name, the last value of each parameter, and whether a line made no sense.
+def read_text(path: Path, types: Sequence[str]) -> tuple[dict[str, list[TextMessage]], bool]:
+    """Messages of these types by name, and whether a line made no sense.
 
     A last line that was cut is no damage. Raises InputError.
     """
     found: dict[str, list[TextMessage]] = {}
-    parameters: dict[str, float] = {}
     formats: dict[str, tuple[str, list[str]]] = {}
     odd: list[int] = []
     lines = _text(files.read_bytes(path, bounded.LOG)).splitlines()
@@ -57,15 +54,13 @@ def read_text(
             cells = [cell.strip() for cell in rest.split(",")]
             if len(cells) > 4:
                 formats[cells[2]] = cells[3], cells[4:]
-        elif name in types or name == "PARM":
+        elif name in types:
             message = _message(rest, *formats[name]) if name in formats else None
             if message is None:
                 odd.append(number)
-            elif name == "PARM":
-                parameters[message.Name] = message.Value
             else:
                 found.setdefault(name, []).append(message)
-    return found, parameters, any(number < len(lines) for number in odd)
+    return found, any(number < len(lines) for number in odd)
 
 
 def _message(text: str, letters: str, fields: list[str]) -> TextMessage | None:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink import files
+from coaxlink.data.logs.changes import Change, periods, read_in_periods
 from coaxlink.data.logs.outputs import (
     PX4_MOTOR_1,
     PX4_MOTORS,
@@ -58,7 +59,18 @@ def read_ulog(path: Path) -> Samples:
     spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
     premises = [DAMAGED] * (spoiled or bool(log.file_corruption) or _is_torn_inside(path))
     maps = px4_maps(parameters)
-    motors = _motors(topics.get("actuator_motors"), outputs, parameters, notes, premises)
+    motors = read_in_periods(
+        periods(_numbers(log.initial_parameters), _changes(log)),
+        lambda held, said, taken: _motors(
+            held.of(topics.get("actuator_motors")),
+            [rows for one in outputs if (rows := held.of(one))],
+            held.parameters,
+            said,
+            taken,
+        ),
+        notes,
+        premises,
+    )
     measured = [
         *_motion(topics),
         derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
@@ -100,6 +112,15 @@ def _parameters(log: Any) -> dict[str, float]:
     found = _numbers(log.initial_parameters)
     later = {name: value for stamp, name, value in log.changed_parameters if first is None or stamp <= first}
     return found | _numbers(later)
+
+
+def _changes(log: Any) -> list[Change]:
+    """What was set after the log began."""
+    return [
+        (stamp / 1e6, name, float(value))
+        for stamp, name, value in log.changed_parameters
+        if _numbers({name: value})
+    ]
 
 
 def _numbers(parameters: Mapping[str, Any]) -> dict[str, float]:

@@ -1,6 +1,7 @@
 -- coaxlink bridge: the companion mixes, this script passes the demand out and its outputs in.
 -- Written by coaxlink; change it there, not here. On $hold ms of silence the matrix flies again.
--- An answer of group $ask commands nothing: it asks for the demand on the link it came by.
+-- An answer of group $ask commands nothing: it asks for the demand on the link it came by. Its first number is
+-- the companion's token, by which two with the same ids can tell whom this script follows.
 
 local MOTORS, HOLD_MS, PERIOD_MS = $motors, $hold, $period
 local DEMAND, ANSWER = 140, 139
@@ -12,6 +13,7 @@ local ASKED_MS = $request_ms
 local asked = {}  -- links with a companion, and when it last spoke there
 local followed, heard = nil, millis()  -- the companion whose answers are taken, and when the last one was
 local taken = 0  -- how many of them came
+local tokens = {}  -- of each link: a companion that asked on it, and its token
 
 for n = 1, MOTORS do
   channel[n] = SRV_Channels:find_channel(32 + n)
@@ -38,6 +40,21 @@ local function following()
   return followed
 end
 
+-- what the companion followed called itself when it asked, or 0
+local function token()
+  local said = followed and tokens[followed // 65536]
+  return said and said[1] == followed and said[2] or 0
+end
+
+-- nobody takes the place of the companion that is followed
+local function ask(link, whose, number)
+  if followed ~= whose or token() == 0 then
+    if not (following() and followed ~= whose and followed // 65536 == link) then
+      tokens[link] = { whose, number }
+    end
+  end
+end
+
 local function send_demand()
   if not next(asked) then
     return
@@ -47,7 +64,7 @@ local function send_demand()
   local yaw = motors:get_yaw() + motors:get_yaw_ff()
   local whose = following() or 0  -- system in the lowest byte, then component, then the link
   local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(),
-                           whose % 256, whose // 256 % 256, taken, 0, 0)
+                           whose % 256, whose // 256 % 256, taken, token(), 0)
   local now, message = millis(), stamp() .. body
   for link, at in pairs(asked) do
     if (now - at):toint() > ASKED_MS then
@@ -74,7 +91,9 @@ local function answer()
     if string.unpack("<I3", message, 10) == ANSWER and system == own then
       asked[link] = millis()
       local whose = string.unpack("<I2", message, 8) + 65536 * link
-      if group == 0 and whose == (following() or whose) then
+      if group == $ask then
+        ask(link, whose, string.unpack("<f", message, 21))
+      elseif group == 0 and whose == (following() or whose) then
         newest, sender = message, whose
         taken = (taken + 1) % $counted
       end

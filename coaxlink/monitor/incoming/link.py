@@ -1,12 +1,14 @@
 """The thread that keeps a session alive and fills what is heard: it connects, listens, connects again.
 
-It asks for streams that do not come by themselves, and again for those that stop (an ArduPilot forgets them
-when it restarts), and keeps the mixer table as it is on board (`table_reader`). Nothing is written.
+It asks for streams that do not come by themselves, or too slowly, and again for those that stop (an
+ArduPilot forgets them when it restarts), and keeps the mixer table as it is on board (`table_reader`).
+Nothing is written.
 """
 
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -24,12 +26,12 @@ from coaxlink.monitor.incoming.table_reader import TableReader
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SETTLE_S = 1.2  # how long to listen before asking for what is missing
 REFRESH_S = 3.0  # between looks at the table and at what does not come
-QUIET_S = 5.0  # a stream that is silent for so long is requested again
+ENOUGH = 0.5  # of the rate that was asked for: a stream that comes more slowly is requested again
 GONE_S = 10.0  # silent for so long, a session is made anew: another vehicle may have come
-TRIES = 3  # of a stream that was promised and never came: the vehicle has none of it
+TRIES = 3  # of a stream that was promised and does not come: there is none, or the line is too slow
+JUDGED_HZ = 50.0  # of what the rotors are judged by
 _COMMON = {
-    "SERVO_OUTPUT_RAW": (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 10.0),
-    "ATTITUDE": (mavlink.MAVLINK_MSG_ID_ATTITUDE, 10.0),
+    "SERVO_OUTPUT_RAW": (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, JUDGED_HZ),
     "LOCAL_POSITION_NED": (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 5.0),
     "BATTERY_STATUS": (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 1.0),
     "SYS_STATUS": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, 1.0),
@@ -37,8 +39,16 @@ _COMMON = {
 }
 # an autopilot is asked only for what it knows: ArduPilot answers a request for ESC_STATUS with a text to
 # every ground station; its ESC_TELEMETRY_* come all together for the first one
-_PX4 = {"ESC_STATUS": (291, 10.0)}
-_ARDUPILOT = {"ESC_TELEMETRY_1_TO_4": (11030, 10.0)}
+_PX4 = {
+    "HIGHRES_IMU": (mavlink.MAVLINK_MSG_ID_HIGHRES_IMU, JUDGED_HZ),
+    "ATTITUDE": (mavlink.MAVLINK_MSG_ID_ATTITUDE, 10.0),
+    "ESC_STATUS": (291, 10.0),
+}
+_ARDUPILOT = {
+    "ATTITUDE": (mavlink.MAVLINK_MSG_ID_ATTITUDE, JUDGED_HZ),
+    "RAW_IMU": (mavlink.MAVLINK_MSG_ID_RAW_IMU, JUDGED_HZ),
+    "ESC_TELEMETRY_1_TO_4": (11030, 10.0),
+}
 # only a legacy mixer's demand can be turned into newtons
 _LEGACY = {"ACTUATOR_CONTROL_TARGET": (mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET, 10.0)}
 
@@ -87,12 +97,17 @@ class Streams:
         if identity.is_px4 and (identity.version or (99,)) < (1, 14):
             self._wanted |= _LEGACY
         self._left = dict.fromkeys(self._wanted, TRIES)
+        self._came: Counter[str] = Counter()
+        self._since_s = heard.now()
+        session.subscribe(lambda message: self._came.update([message.get_type()]))
 
     def request_missing(self) -> None:
-        """Ask for what has not come by itself, or no longer comes."""
+        """Ask for what did not come since the last time, or more slowly than it should."""
+        now = self._heard.now()
+        came, self._came, span = self._came, Counter(), now - self._since_s
+        self._since_s = now
         for name, (message_id, rate_hz) in self._wanted.items():
-            newest = self._heard.telemetry.newest(name)
-            if newest is not None and self._heard.now() - newest.received_s <= QUIET_S:
+            if came[name] >= max(ENOUGH * rate_hz * span, 1.0):
                 self._left[name] = TRIES
             elif self._left[name]:
                 self._left[name] -= 1
