@@ -64,7 +64,7 @@ def test_a_vehicle_that_swings_goes_as_far_as_it_was_meant_to() -> None:
         north: list[float] = []
         pilot.fly(plan, flown, lambda segment, t, state: north.append(state.north_m))
     assert flown.result == "flown" and flown.as_json()["first_swing_went"] == pytest.approx(2.4, abs=0.4)
-    assert np.ptp(north) < 1.2 * REACH
+    assert np.ptp(north) < 1.3 * REACH  # 4.8 m unsized
 
 
 @pytest.mark.slow
