@@ -240,15 +240,17 @@ class Copter(Autopilot):
             return
         if self._way is None:
             self._way = (*position[:2], 0.0, 0.0)
-        w, dt, aim = 2.0 * math.pi * self.swings_hz, 1.0 / RATE_HZ, self.goal.position
-        p, v = self._way[:2], self._way[2:]
-        a = [w * w * (aim[k] - p[k]) - 2.0 * SWING_DAMPING * w * v[k] for k in range(2)]
-        v = (v[0] + a[0] * dt, v[1] + a[1] * dt)
-        p = (p[0] + v[0] * dt, p[1] + v[1] * dt)
-        self._way = (*p, *v)
-        up, rate = self.goal.position[2], self.goal.velocity[2]
+        w, dt, aim = 2.0 * math.pi * self.swings_hz, 1.0 / RATE_HZ, self.goal
+        n, e, vn, ve = self._way
+        an = w * w * (aim.position[0] - n) - 2.0 * SWING_DAMPING * w * vn
+        ae = w * w * (aim.position[1] - e) - 2.0 * SWING_DAMPING * w * ve
+        vn, ve = vn + an * dt, ve + ae * dt
+        self._way = n, e, vn, ve = n + vn * dt, e + ve * dt, vn, ve
         self.goal = replace(
-            self.goal, position=(*p, up), velocity=(*v, rate), acceleration=(*a, self.goal.acceleration[2])
+            aim,
+            position=(n, e, aim.position[2]),
+            velocity=(vn, ve, aim.velocity[2]),
+            acceleration=(an, ae, aim.acceleration[2]),
         )
 
     @property
