@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.signals import derivative
+from coaxlink.signals import derivative, low_pass
 
 LEVEL = 0.03  # thrust and torque level of a stand-identified model
 TILT = 0.03  # the same, growing with speed
@@ -24,6 +24,7 @@ TORQUE_DELAY_S = 0.006  # measured: 2 ms
 ACCEL_BIAS_M_S2 = (0.12, 0.12, 0.05)  # along the thrust its level absorbs a bias as well
 INERTIA = 0.12  # of a declared one: drawings and pendulums err by a tenth
 IMU_PLACE_M = 0.05
+SLOW_HZ = 0.3  # a moment that lasts longer would turn the body over
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,25 @@ def lift_share(frame: FlightFrame, corrections: Mapping[str, float]) -> float:
     return float(level @ lift / max(float(lift.sum()), 1e-9)) + bias
 
 
+def _moving(frame: FlightFrame, loads: Array) -> Array:
+    """(rows, 3) moments without what is slower than SLOW_HZ: I dw/dt has no mean, over no few seconds."""
+    return np.asarray(loads[:, 3:] - low_pass(loads[:, 3:], frame.rate_hz, SLOW_HZ))
+
+
+def _aliased(frame: FlightFrame) -> Array:
+    """(3,) share of the power of each predicted moment that the body did not follow, in the judged band.
+
+    A log that holds a few of the many commands tells them with noise, and noise in a column is fitted away: the
+    inertia seems smaller by about this share (errors in variables).
+    """
+    predicted, measured = (
+        low_pass(_moving(frame, loads), frame.rate_hz, frame.cutoff_hz)[frame.keep]
+        for loads in (frame.predicted, frame.measured)
+    )
+    power = np.maximum(np.sum(predicted**2, axis=0), 1e-300)
+    return np.asarray(np.clip(1.0 - np.sum(predicted * measured, axis=0) / power, 0.0, 1.0))
+
+
 def _instruments(frame: FlightFrame) -> Iterator[Correction]:
     rows, mass = len(frame.time_s), frame.airframe.mass_kg
     for k, axis in enumerate("xyz"):
@@ -89,14 +109,14 @@ def _instruments(frame: FlightFrame) -> Iterator[Correction]:
         late[:, part] = -slope[:, part]
         # commands hold between rows, speeds are computed as if they ran straight: half a row of delay
         yield Correction(name, bound + 0.5 * frame.step_s, late)
-    # I dw/dt has no mean, and noise in a column would be fitted away: the moving part of what is predicted
-    moving = frame.predicted[:, 3:] - np.mean(frame.predicted[frame.keep, 3:], axis=0)
+    moving = _moving(frame, frame.predicted)
+    aliased = _aliased(frame)
     for k, axis in enumerate("xyz"):
         share = np.zeros((rows, 6))
         share[:, 3 + k] = -moving[:, k]
         turned = frame.rates * np.eye(3)[k] * frame.airframe.inertia_kg_m2[k]
         share[:, 3:] -= np.cross(frame.rates, turned)  # of w x I w
-        yield Correction(f"inertia_{axis}_share", INERTIA, share)
+        yield Correction(f"inertia_{axis}_share", float(np.hypot(INERTIA, 2.0 * aliased[k])), share)
     for k, axis in enumerate("xyz"):
         place = np.zeros((rows, 6))
         arm = np.eye(3)[k]
