@@ -83,8 +83,8 @@ def _moving(frame: FlightFrame, loads: Array) -> Array:
 def _aliased(frame: FlightFrame) -> Array:
     """(3,) share of the power of each predicted moment that the body did not follow, in the judged band.
 
-    A log that holds a few of the many commands tells them with noise, and noise in a column is fitted away: the
-    inertia seems smaller by about this share (errors in variables).
+    A log that holds a few of the many commands tells them with noise, and noise in a column is fitted away:
+    the inertia seems smaller by about this share (errors in variables).
     """
     predicted, measured = (
         low_pass(_moving(frame, loads), frame.rate_hz, frame.cutoff_hz)[frame.keep]
