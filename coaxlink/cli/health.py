@@ -42,7 +42,14 @@ def health(
     from coaxlink import files
     from coaxlink.cli.shared.fleet import folder_of
     from coaxlink.errors import CheckFailed, InputError
-    from coaxlink.report.health import figure, health_page, health_table, remarks, verdict_line
+    from coaxlink.report.health import (
+        figure,
+        health_page,
+        health_table,
+        remarks,
+        suspects_named,
+        verdict_line,
+    )
     from coaxlink.report.pictures.figures import format_of, write_figure
 
     for output in (plot, report, json):
@@ -76,7 +83,7 @@ def health(
     if result.reasons:
         raise CheckFailed(verdict_line(result))
     if result.verdict == "ground it":
-        raise CheckFailed(f"ground it: look at rotor {result.suspects[0].number} before the next flight")
+        raise CheckFailed(f"ground it: look at {suspects_named(result)} before the next flight")
 
 
 def _made(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> Made:

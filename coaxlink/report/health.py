@@ -29,10 +29,23 @@ def verdict_line(health: Health) -> str:
         named = "" if health.verdict == "sound" else f"; most likely rotor {first.number}, {_since(first)}"
         return f"{health.verdict}: the probability that a rotor lost more than {share} is {chance}{named}"
     loss = f"{100 * first.loss.value:.0f} % ({100 * first.loss.low:.0f} to {100 * first.loss.high:.0f})"
+    who = suspects_named(health)
+    if " or " in who:
+        who += f"; if it is {first.number}"
     return (
-        f"{health.verdict}: rotor {first.number}, {loss} of its thrust gone {_since(first)}; "
+        f"{health.verdict}: {who}, {loss} of its thrust gone {_since(first)}; "
         f"the probability that a rotor lost more than {share} is {chance}"
     )
+
+
+def suspects_named(health: Health) -> str:
+    """The rotors to look at: two of one pair may explain a flight alike.
+
+    "rotor 3", "rotor 8 or 3".
+    """
+    first, *others = health.suspects
+    numbers = [first.number, *(s.number for s in others if s.probability >= WATCH)]
+    return f"rotor {' or '.join(map(str, numbers))}"
 
 
 def remarks(health: Health) -> Iterator[str]:
