@@ -174,7 +174,10 @@ def test_what_cannot_be_identified_is_one_line() -> None:
             "column lower_thrust_N: missing",
         ),
         ({"upper_rpm": [1] * 9, "lower_rpm": [1] * 9}, "column upper_thrust_N: missing"),
-        ({"upper_rpm": [0] * 9, "upper_thrust_N": [1] * 9}, "no rotor ever turns"),
+        (
+            {"upper_rpm": [0] * 9, "upper_thrust_N": [1] * 9, "upper_torque_Nm": [1] * 9},
+            "no rotor ever turns",
+        ),
         ({"upper_rpm": [1] * 9, "lower_thrust_N": [1] * 9}, "column lower_rpm: missing"),
     ]
     wrong = []

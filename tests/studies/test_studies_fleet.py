@@ -82,13 +82,12 @@ def test_whose_log_and_of_when(tmp_path):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_text("")
-    for folder in (str(tmp_path), f"file://{tmp_path}"):
-        found = [(log.vehicle, log.date.isoformat(), log.name) for log in find_logs(folder)]
-        assert found == [
-            ("a", "2026-01-02T00:00:00", "a/log_7_20260102.bin"),
-            ("a", "2026-03-04T10:20:00", "a/2026-03-04_10_20.ulg"),
-            ("b-1", "2026-05-06T00:00:00", "b-1 2026-5-6.csv"),
-        ]
+    found = [(log.vehicle, log.date.isoformat(), log.name) for log in find_logs(str(tmp_path))]
+    assert found == [
+        ("a", "2026-01-02T00:00:00", "a/log_7_20260102.bin"),
+        ("a", "2026-03-04T10:20:00", "a/2026-03-04_10_20.ulg"),
+        ("b-1", "2026-05-06T00:00:00", "b-1 2026-5-6.csv"),
+    ]
     (tmp_path / "flight.ulg").write_text("")
     index = tmp_path / "fleet.csv"
     for text, said in (

@@ -109,7 +109,6 @@ def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters()
     np.testing.assert_allclose(used_factors(live), loader.mix.factors, atol=1e-6)
     assert not moved_rotors(built_in, scripted) and not moved_rotors(scripted, live)
     for params, script in (
-        ({"FRAME_CLASS": 3, "FRAME_TYPE": 1}, None),
         (matrix.params, None),
         (matrix.params, b"MotorsMatrix:init(8)"),
         (loader.params | {"CXL_T1": 0.9}, None),
