@@ -12,9 +12,8 @@ from coaxlink.cli.shared.progress import progress
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
 
-LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
-RESIDUAL = ("residual.png", "residual.svg", "residual.pdf")
-MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", *RESIDUAL, *LOGS)
+LOGS = ("standard.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
+MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", "demo.png", *LOGS)
 
 
 def demo(
@@ -31,8 +30,8 @@ def demo(
     from coaxlink import files
 
     files.refuse_unwritable(json_file)
-    from coaxlink.report.demo import tables, to_json, write_report
-    from coaxlink.report.identify import tables as identify_tables
+    from coaxlink.report.demo import to_json, write_report
+    from coaxlink.report.demo_words import answer, read_on
     from coaxlink.report.made import Made
     from coaxlink.studies.demo import STEPS, run_demo
 
@@ -42,12 +41,15 @@ def demo(
             result = run_demo(chosen, out, speed, bar.step, bar.watch, say)
         made = Made.now((*(out / name for name in LOGS), out / "rotor.toml"), "demo-x8")
         page = write_report(out, result, made)
-    screen = console()
-    for shown in (*identify_tables(result.identification), *tables(result)):
-        screen.print(shown)
     if json_file:
         files.write_json(json_file, to_json(result))
-    say(f"report: {page}   again with the same hidden effect: coaxlink demo --seed {chosen}")
+    screen = console()
+    for line in answer(result):
+        screen.print(line)
+    screen.print()
+    for line in read_on(page, out):
+        screen.print(line, soft_wrap=True)
+    say(f"again with the same hidden effect: coaxlink demo --seed {chosen}")
 
 
 def register(app: typer.Typer) -> None:

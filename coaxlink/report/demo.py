@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from coaxlink import files
 from coaxlink.report import worth
-from coaxlink.report.demo_words import TERMS, flown, story
-from coaxlink.report.html import PageTable, render
+from coaxlink.report.demo_words import TERMS, answer, flown, story
+from coaxlink.report.html import PagePicture, PageTable, render
 from coaxlink.report.identify import ERROR_HEADS, error_rows
 from coaxlink.report.made import Made
-from coaxlink.report.page import refinement_parts, sentence
-from coaxlink.report.refine import tables as refine_tables
-from coaxlink.report.terminal import table
+from coaxlink.report.page import refinement_parts
 from coaxlink.rotor.identification import COAXIAL
 from coaxlink.studies.demo import DemoResult
 from coaxlink.studies.flight_errors import FlightErrors
 
+CAPTION = (
+    "Above: the model's error in the last flight, before and after coaxlink found what was hidden. Below: "
+    "what each mixer took from the battery on the same path"
+)
 FLIGHT_HEADINGS = (
     "flight", "power, W", "height, m", "thrust gain", "thrust, N", "after gain, N", "roll, N m", "pitch, N m",
     "yaw, N m",
@@ -73,34 +75,21 @@ def split_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
     ]
 
 
-def tables(result: DemoResult) -> Iterator[Any]:
-    """The mixers' flights and what a table is worth; then what was hidden, before and after it was found."""
-    flights = result.flights
-    yield "\n".join(flown(flights))
-    title = "Flights, nothing hidden: mean |meant - delivered|, torques after the best gains"
-    yield table(title, FLIGHT_HEADINGS, flight_rows(flights))
-    title = "Thrust split per pair: upper + lower rotor (lower share)"
-    yield table(title, split_headings(flights), split_rows(flights))
-    yield "\n".join(("By the rotor model, beyond these flights:", *worth.sentences(result.worths)))
-    yield "\n".join(story(result))
-    yield from refine_tables(result.refinement)
-
-
 def write_report(out: Path, result: DemoResult, made: Made) -> Path:
-    """Write OUT/report.html (self-contained) and OUT/residual (.png, .svg, .pdf); returns the page's path."""
-    from coaxlink.report.pictures.figures import write_figures
-    from coaxlink.report.pictures.residual_plots import overview_figure
+    """Write OUT/report.html (self-contained) and OUT/demo.png; returns the page's path."""
+    from coaxlink.report.pictures.demo_plot import demo_figure
+    from coaxlink.report.pictures.figures import drawn
 
-    write_figures(out, {"residual": overview_figure(result.refinement, made.line())})
+    picture = drawn(demo_figure(result, made.line()))
+    files.write_atomic(out / "demo.png", picture)
     path = out / "report.html"
-    files.write_atomic(path, page(result, made))
+    files.write_atomic(path, page(result, picture, made))
     return path
 
 
-def page(result: DemoResult, made: Made) -> str:
+def page(result: DemoResult, picture: bytes, made: Made) -> str:
     """What it is worth first, then the mixers, then what was hidden, then the words."""
-    first, *more = flown(result.flights)
-    found = sentence(result.refinement)
+    lead, *more = answer(result)
     model = result.identification
     rotor_terms = [
         (load, term, f"{value:.4g}")
@@ -111,9 +100,11 @@ def page(result: DemoResult, made: Made) -> str:
     return render(
         "demo.html",
         title=f"coaxlink demo, seed {result.seed}",
-        lead=f"{first} Where one thing was hidden: {found[:1].lower()}{found[1:]}",
+        lead=lead,
         made=made,
-        flown=more,
+        picture=PagePicture(picture, CAPTION),
+        answer=more,
+        flown=flown(result.flights)[1:],
         flights=PageTable(FLIGHT_HEADINGS, flight_rows(result.flights)),
         split=PageTable(split_headings(result.flights), split_rows(result.flights)),
         worth=worth.sentences(result.worths),

@@ -9,12 +9,13 @@ from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.refine import number, verdict
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from coaxlink.residual.result import Refinement
     from coaxlink.studies.demo import DemoResult
     from coaxlink.studies.flight_errors import FlightErrors
 
 FITTED, STANDARD = "fitted", "standard"
-PATH = "hover, a slow and a fast circle, a climb and quick turns"
 
 TERMS = {
     "mixer, table": "What turns the wanted wrench into motor commands; a table is a mixer that the autopilot "
@@ -41,9 +42,53 @@ TERMS = {
     "k u\N{SUPERSCRIPT TWO} for every rotor. CPCM: the lower rotor loses a constant share. R-CRM: the upper "
     "rotor's speed squared takes from the lower one's thrust. CRM: a polynomial in both speeds.",
     "LASSO": "A fit in which terms pay for being there, so that only those stay that the data need.",
-    "standard, reduced, fitted, exact": "Tables made of the SRM, of the R-CRM, and fitted to the whole CRM; "
+    "standard, fitted, exact": "Tables made of the SRM, and fitted to the whole CRM; "
     "the exact law inverts the CRM and can only be mixed live.",
 }
+
+
+def answer(result: DemoResult) -> list[str]:
+    """The demo in four sentences: what it was worth and cost, what was hidden, what finding it took off."""
+    said = [_power(result.flights[FITTED], result.flights[STANDARD])]
+    fitted, standard = result.worths.named(FITTED), result.worths.named(STANDARD)
+    if fitted is not None and standard is not None:
+        yaw, before = fitted.limits[2].moment_Nm, standard.limits[2].moment_Nm
+        said.append(
+            f"It gives up {1.0 - fitted.ceiling_N / standard.ceiling_N:.0%} of the ceiling "
+            f"({fitted.ceiling_N:.0f} N for {standard.ceiling_N:.0f} N) and {1.0 - yaw / before:.0%} of the "
+            f"yaw authority ({yaw:.1f} N m for {before:.1f} N m)."
+        )
+    return [*said, *_found(result.refinement)]
+
+
+def read_on(page: Path, out: Path) -> list[str]:
+    """Where to go from here."""
+    return [
+        f"Look:      {page}",
+        f"A flight:  coaxlink report {out}/hidden.tlog --airframe X8.toml (coaxlink examples x8_demo.toml)",
+        "Learn:     docs/tutorial.md, half an hour, no hardware",
+        "Your own:  coaxlink init makes the vehicle file, coaxlink identify STAND.csv the rotors",
+    ]
+
+
+def _found(found: Refinement) -> list[str]:
+    """What was hidden in the last flight, and what is left of the error."""
+    if not found.effects:
+        return [f"One thing was hidden in the last flight; from its log, {verdict(found)}."]
+    named = " and ".join(e.name.replace("_", " ") for e in found.effects)
+    touched = {c for e in found.effects for c in e.channels} & found.channels.keys()
+    worst = max(
+        touched, key=lambda c: found.channels[c].rmse_before / found.channels[c].noise_floor, default=""
+    )
+    lines = [f"Hidden in the last flight, and found from its log alone: {named}."]
+    if worst:
+        e = found.channels[worst]
+        lines.append(
+            f"With it in the model, the error of the {channel_words(worst)} falls from "
+            f"{number(e.rmse_before)} to {number(e.rmse_after)} {e.unit} "
+            f"(noise alone: {number(e.noise_floor)})."
+        )
+    return lines
 
 
 def flown(flights: Mapping[str, FlightErrors]) -> list[str]:
@@ -84,16 +129,15 @@ def _answer(found: Refinement) -> str:
 
 
 def _power(fitted: FlightErrors, standard: FlightErrors) -> str:
-    start = f"On these flights ({PATH}; simulated) the fitted table"
     if fitted.power_W is None or standard.power_W is None:
-        return f"{start} was not weighed against the standard one: the vehicle did not report its power."
+        return "The fitted table flew; the vehicle did not report the power that it needed."
     ratio = fitted.power_W / standard.power_W
-    watts = f"({fitted.power_W:.0f} W instead of {standard.power_W:.0f} W)"
     if abs(1.0 - ratio) < 5e-4:  # a figure that is shown as 0.0 %
-        return f"{start} took the same power from the battery as the standard one ({fitted.power_W:.0f} W)."
+        return f"The fitted table flew the same path on the same battery power ({fitted.power_W:.0f} W)."
     less = "less" if ratio < 1.0 else "more"
     return (
-        f"{start} took {abs(1.0 - ratio):.1%} {less} power from the battery than the standard one {watts}: "
+        f"The fitted table flew the same path on {abs(1.0 - ratio):.1%} {less} battery power than the "
+        f"standard one ({fitted.power_W:.0f} W for {standard.power_W:.0f} W): "
         f"{1.0 / ratio - 1.0:+.1%} time in the air."
     )
 

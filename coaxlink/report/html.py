@@ -20,9 +20,9 @@ class PagePicture(NamedTuple):
     caption: str
 
     @property
-    def source(self) -> str:
-        """The picture as an address of its own."""
-        return f"data:image/png;base64,{base64.b64encode(self.png).decode()}"
+    def source(self) -> markupsafe.Markup:
+        """The picture as an address of its own: safe in a page, and longer than any text may be there."""
+        return markupsafe.Markup(f"data:image/png;base64,{base64.b64encode(self.png).decode()}")
 
 
 class PageTable(NamedTuple):

@@ -1,7 +1,7 @@
 """The pictures of README and docs, made anew from what they show: python docs/tools/pictures.py [tutorial|demo|screen]
 
 The screen is the monitor's own export beside a hovering stand-in; the rest is what the tutorial's verbs draw, and
-the residual is the demo's. Two minutes.
+one is the demo's. Two minutes.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ def tutorial(work: Path) -> None:
 
 
 def demo(work: Path) -> None:
-    """The demo's residual before and after."""
+    """The demo's own picture."""
     coaxlink(work, "demo", "--seed", SEED)
-    shutil.copy(work / "demo" / "residual.png", work / "made" / "residual.png")
+    shutil.copy(work / "demo" / "demo.png", work / "made")
 
 
 def screen(work: Path) -> None:

@@ -25,8 +25,8 @@ def flight(power_W, height_m=0.02, gain=1.0, left=0.2, upper=30.0, lower=20.0):
     return FlightErrors(d, (0.1, 0.1, height_m), power_W)
 
 
-LESS = "took 5.0% less power from the battery than the standard one (1900 W instead of 2000 W): +5.3% time"
-MORE = "took 5.0% more power from the battery than the standard one (2100 W instead of 2000 W): -4.8% time"
+LESS = "on 5.0% less battery power than the standard one (1900 W for 2000 W): +5.3% time in the air"
+MORE = "on 5.0% more battery power than the standard one (2100 W for 2000 W): -4.8% time in the air"
 
 
 @pytest.mark.parametrize(
@@ -34,8 +34,8 @@ MORE = "took 5.0% more power from the battery than the standard one (2100 W inst
     [
         (1900.0, 2000.0, LESS),
         (2100.0, 2000.0, MORE),
-        (2000.0, 2000.4, "took the same power"),
-        (None, 2000.0, "the vehicle did not report its power"),
+        (2000.0, 2000.4, "on the same battery power (2000 W)"),
+        (None, 2000.0, "did not report the power"),
     ],
 )
 def test_the_first_sentence_says_what_it_is_worth_whichever_way_it_goes(ours, theirs, said):

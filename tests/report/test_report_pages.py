@@ -1,5 +1,6 @@
 """What every report page must have: the answer first, stamped figures, cards on a phone, how it was made."""
 
+import base64
 import hashlib
 import io
 import re
@@ -10,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from coaxlink.files import example
-from coaxlink.report.html import html_table
+from coaxlink.report.html import PagePicture, PageTable, html_table, render
 from coaxlink.report.made import Made
 from coaxlink.report.page import chance, count, page, sentence
 from coaxlink.report.refine import tables
@@ -109,3 +110,11 @@ def test_a_table_of_many_columns_is_cards_on_a_phone_and_one_of_few_is_not():
     wide = html_table(tuple("abcde"), [tuple("12345")])
     assert 'class="cards"' in wide and '<td data-label="c">3</td>' in wide
     assert "data-label" not in html_table(("a", "b"), [("1", "2")])
+
+
+def test_a_picture_is_whole_in_its_page_however_large(made):
+    png = bytes(range(256)) * 400
+    shown = render("compare.html", title="t", made=made, lead="", said=(), picture=PagePicture(png, "<c>"),
+                  worths=PageTable((), ()), terms="", laws=PageTable((), ()))  # fmt: skip
+    (encoded,) = re.findall(r'src="data:image/png;base64,([^"]*)"', shown)
+    assert base64.b64decode(encoded) == png and "<c>" not in shown
