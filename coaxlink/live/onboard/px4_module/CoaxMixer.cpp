@@ -3,6 +3,7 @@
 #include <px4_platform_common/log.h>
 #include <px4_platform_common/module.h>
 #include <px4_platform_common/time.h>
+#include <uORB/uORB.h>
 
 #include <cmath>
 #include <cstring>
@@ -55,6 +56,9 @@ bool CoaxMixer::init()
 
 		if (real(name, 0.f) > 0.f) { PX4_ERR("%s: slew limits are not known to it", name); return false; }
 	}
+
+	// a publisher that stops takes the topic from all readers, whoever else publishes it
+	if (orb_exists(ORB_ID(actuator_motors), 0) == 0) { PX4_ERR("first: control_allocator stop"); return false; }
 
 	vehicle_control_mode_s mode;
 
