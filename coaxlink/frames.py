@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,20 +101,6 @@ STAND_CHANNELS = (*STAND_LOADS, "upper_speed", "lower_speed")
 STAND_UNITS = (*(load.unit for load in Load), "1", "1")
 
 
-class LoadMisfit(Protocol):
-    """What fitted terms miss of one load, over both speeds."""
-
-    def __call__(self, speeds: Array) -> Array:
-        """(rows,) at speeds (rows, 2)."""
-
-    @property
-    def scale(self) -> float:
-        """Its usual size, in the load's unit."""
-
-    def columns(self, speeds: Array) -> Array:
-        """(rows, K) of its free numbers."""
-
-
 @dataclass(frozen=True)
 class StandFrame:
     """A stand run, one row a sample. Channels beyond the loads are the speeds that the throttles gave.
@@ -138,7 +123,6 @@ class StandFrame:
     block: NDArray[np.intp]  # (rows,)
     keep: NDArray[np.intp]
     notes: tuple[str, ...] = ()
-    surfaces: Mapping[int, LoadMisfit] = field(default_factory=dict)  # by load: what the fitted terms miss
     # as a flight's
     last_columns: list[tuple[object, Mapping[str, float], Array]] = field(
         default_factory=list, init=False, repr=False, compare=False
@@ -163,10 +147,7 @@ class StandFrame:
     def loads_at(self, speeds: Array) -> Array:
         """(rows, 4) base loads at other speeds (rows, 2)."""
         pair = self.model.loads(speeds[:, 0], speeds[:, 1])
-        out = np.stack([pair[load] for load in Load], axis=1)
-        for c, surface in self.surfaces.items():
-            out[:, c] += surface(speeds)
-        return out
+        return np.stack([pair[load] for load in Load], axis=1)
 
 
 def rows_of(frame: StandFrame, rows: NDArray[np.intp]) -> StandFrame:

@@ -115,9 +115,6 @@ def difference_gain(rate_hz: float, cutoff_hz: float, keep: int, *, differentiat
     return float(6.0 * lags[0] - 8.0 * lags[1] + 2.0 * lags[2])
 
 
-NEIGHBOURS = 13  # of a row, itself among them
-
-
 def without_row_noise(values: Array) -> Array:
     """(rows,) of what moves slower than rows come: a running mean as wide as predicts a row best.
 
@@ -159,27 +156,6 @@ def noise_floor(residual: Array, runs: Array, gain: Array) -> Array:
     limit = 4.0 * SIGMA_PER_MAD * np.median(np.abs(second), axis=0)
     clipped = np.clip(second, -limit, limit)
     return np.asarray(np.sqrt(np.mean(clipped**2, axis=0) / gain))
-
-
-def neighbour_floor(residual: Array, points: Array) -> Array:
-    """Noise of each channel (C,) from what planes through nearest neighbours leave of (rows, C).
-
-    `places` (rows, D) is where the rows stand. It uses nearly all that few rows can tell of their noise;
-    second differences throw half of it away. But what changes from sweep to sweep counts as noise here.
-    """
-    from scipy.spatial import cKDTree
-
-    near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))[1]  # (rows, k), itself among them
-    arms = points[near] - points[:, None]
-    scale = np.maximum(np.abs(arms).max(axis=(1, 2), keepdims=True), 1e-12)
-    planes = np.concatenate([np.ones((*near.shape, 1)), arms / scale], axis=2)  # (rows, k, 1 + D)
-    # the row of the hat matrix that makes the plane's value at the row itself
-    hat = np.linalg.pinv(planes, rcond=1e-6)[:, 0]  # (rows, k)
-    own = np.einsum("rk,rk->r", hat, near == np.arange(len(points))[:, None])
-    left = residual - np.einsum("rk,rkc->rc", hat, residual[near])
-    left = left / np.sqrt(np.maximum(1.0 - own, 1e-6))[:, None]
-    limit = 4.0 * SIGMA_PER_MAD * np.median(np.abs(left), axis=0)
-    return np.asarray(np.sqrt(np.mean(np.clip(left, -limit, limit) ** 2, axis=0)))
 
 
 def spectral_floor(

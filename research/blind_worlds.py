@@ -45,6 +45,20 @@ class Made:
     airframe: str = ""  # text of the file that the guest is given
 
 
+FAULTS = {
+    "lying_tachometer", "swapped_labels", "stuck_cell", "repeated_batch",
+    "swapped_motors", "stuck_accel", "reversed_gyro", "repeated_stretch",
+}  # fmt: skip
+
+
+def worth_of(seed: int) -> float:
+    """Share of thrust of a world's effects: one seed in five below 3 %, the others 3 to 10 %."""
+    if seed % 5 == 4:
+        return 0.01 + 0.02 * (seed // 5 % 4) / 3.5
+    k = 7 * (seed // 5 * 4 + seed % 5) % 16  # out of order, so that a few seeds are a fair sample
+    return 0.03 * (10.0 / 3.0) ** (k / 15.0)
+
+
 # the stand: its rig
 
 FULL_V = 33.6

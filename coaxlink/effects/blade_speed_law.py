@@ -17,8 +17,6 @@ from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
-from coaxlink.rotor.model import LOADS
-from coaxlink.rotor.polynomial import parse_term
 
 SQUARE = 2  # power of an upper rotor's own terms: a nuisance model of more bends by itself
 SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
@@ -91,9 +89,8 @@ def _blade_shapes(frame: StandFrame) -> list[Shape]:
 
 
 def _unknowable(frame: StandFrame) -> str | None:
-    own = [term for load in LOADS[:2] for term in frame.model.terms()[load]]
-    if frame.free_nuisance and any(parse_term(term)[0] > SQUARE for term in own):
-        return "no rotor model is given, and the base fitted to this log bends with speed by itself"
+    if frame.free_nuisance:
+        return "no rotor model is given: how loads grow with speed is then the pair's own map"
     if frame.driven and frame.context("upper_rpm") is None and frame.context("lower_rpm") is None:
         return "no rpm in the log: what bends over throttle may be the drive, not the blades"
     return None

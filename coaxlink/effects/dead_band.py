@@ -32,9 +32,10 @@ def turned(p: Numbers, command: Array) -> Array:
     return np.where(u < band, 0.0, u)
 
 
-# Starts and bounds of the fit, judgement: play and stiction of a mounted cell, of the largest load.
-CELL_BANDS, KNEES = (0.01, 0.02, 0.04, 0.08), (2.0, 6.0)
-CELLS = {"band": (0.003, 0.25), "knee": (1.0, 12.0), "torque": (0.2, 5.0)}
+# Starts and bounds of the fit, judgement: play and stiction of a mounted cell, of the largest load. They let
+# go at once: what sets in over several bands (a knee below 4) is how the pair itself bends at low speed
+CELL_BANDS, KNEES = (0.01, 0.02, 0.04, 0.08), (6.0, 9.0)
+CELLS = {"band": (0.003, 0.25), "knee": (4.0, 12.0), "torque": (0.2, 5.0)}
 
 
 def cell_shapes(frame: StandFrame) -> Sequence[Shape]:

@@ -41,7 +41,7 @@ def changed_by(frame: StandFrame, speeds: Array) -> Array:
     """(rows, 6) what other speeds than the throttles' do, in full."""
     out = np.zeros((len(speeds), 6))
     u = drive(frame)
-    if frame.driven:
+    if frame.driven or frame.throttles is None:
         out[:, :4] = frame.loads_at(speeds) - frame.loads_at(u)
     else:
         out[:, 4:] = speeds - u

@@ -15,7 +15,7 @@ from coaxlink.effects.battery_voltage import governed_shapes
 from coaxlink.effects.dead_band import cell_shapes, of_cells
 from coaxlink.effects.hysteresis import angle_shapes, relay_shapes
 from coaxlink.effects.motor_heating import magnet_shapes, one_motor_shapes, winding_shapes
-from coaxlink.effects.rotor_lag import ringing_shapes
+from coaxlink.effects.rotor_lag import ringing_shapes, wake_shapes
 from coaxlink.effects.rotor_spacing import alike_shapes
 from coaxlink.effects.sensor_drift import amplifier_shapes, room_shapes
 from coaxlink.effects.tracing import Shape, Tracing
@@ -25,7 +25,7 @@ FURTHER = {
     "battery_voltage": (governed_shapes,),
     "dead_band": (cell_shapes,),
     "motor_heating": (magnet_shapes, winding_shapes, one_motor_shapes),
-    "rotor_lag": (ringing_shapes,),
+    "rotor_lag": (ringing_shapes, wake_shapes),
     "sensor_drift": (amplifier_shapes, room_shapes),
     "rotor_spacing": (alike_shapes,),
     "hysteresis": (relay_shapes, angle_shapes),

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import changed_by, drivable, drive
+from coaxlink.effects.drive import changed_by, drive
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 from coaxlink.signals import lagged
@@ -115,7 +115,7 @@ def _no_time(frame: StandFrame) -> str | None:
         return "most rows repeat the time of the row before"
     if not step < 0.6:
         return f"rows are {step:.1f} s apart: a lag has settled between them"
-    return drivable(frame)
+    return None  # without throttles it is what the log calls speed that runs ahead of the rotors
 
 
 def _stepped(u: Array, step_s: float, lag_s: float) -> Array:
@@ -207,6 +207,30 @@ def _behind(u: Array, step: float, shape: Shape) -> Array:
     return _both_ways(target, step, lag, lag * shape["down"])
 
 
+def wake_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """The upper rotor's wake that takes its time to reach the lower one: its loads lag behind the upper
+    speed.
+
+    Where speeds were measured that is all that can be late (Leishman 2006, ch. 10: inflow takes time to
+    build up).
+    """
+    return (
+        []
+        if frame.driven or frame.throttles is not None
+        else [{"lag_s": s, "wake": 1.0} for s in STAND_LAGS_S]
+    )
+
+
+def _lag_columns(frame: StandFrame, shape: Shape) -> Array:
+    late = _late(frame, shape)
+    if "wake" in shape:
+        late = np.stack([late[:, 0], drive(frame)[:, 1]], axis=1)
+    out = changed_by(frame, late)
+    if "wake" in shape:
+        out[:, :2] = 0.0
+    return out[..., None]
+
+
 def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     limits = {
         "lag_s": (0.005, 3.0),
@@ -221,6 +245,8 @@ def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
 def _lag_variants(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if "damping" in shape:
         return []
+    if "wake" in shape:
+        return [] if "second_s" in shape else [({**shape, "second_s": 0.2 * shape["lag_s"]}, c)]
     second, down, lower = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}, {"lower": 1.2}
     if {"second_s", "down", "lower"} & set(shape):
         more_of = (second, down, lower)
@@ -248,10 +274,11 @@ STAND: Tracing[StandFrame] = Tracing(
         "lower": "1",
         "stepped": "1",
         "damping": "1",
+        "wake": "1",
     },
     missing=_no_time,
     shapes=lambda _: [{"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})],
-    columns=lambda frame, shape: changed_by(frame, _late(frame, shape))[..., None],
+    columns=_lag_columns,
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
     refuse=lambda p: outside("share", p["share"], 0.7, 1.4),
@@ -287,6 +314,8 @@ EFFECT = PhysicalEffect(
                    "and propeller"),
         Parameter("damping", "1", 0.1, 1.5,
             source="wide: any value between the bounds; a governor's gains set how far speed overshoots"),
+        Parameter("wake", "1", 0.0, 1.0,
+            source="a switch, 0 or 1: the wake comes late, not the speeds (Leishman 2006, ch. 10)"),
         Parameter("stepped", "1", 0.0, 1.0, source="a switch, 0 or 1: the throttle jumps right after a row"),
     ),
     flight=FLIGHT,

@@ -47,7 +47,6 @@ class Tracing(Generic[Frame]):
     sudden: bool = False  # may begin in mid-log: knows the shape number `onset_s`
     # parameters that say how much of it there is, and what each reads where there is none; {}: not asked
     nil: Callable[[Frame], Mapping[str, float]] = lambda _: {}
-    flagged: str = ""  # a column: what is found is a wrong instrument, not physics
     stage: int = 5
     # of a shape, the coefficients that come with the effect and do not make it: a zero beside its drift
     carried: Callable[[Shape], tuple[int, ...]] = lambda _: ()

@@ -26,7 +26,7 @@ def verdict(result: Refinement) -> str:
         return result.reasons[0].line()
     if result.effects:
         names = " and ".join(e.name for e in result.effects)
-        return f"found: {names}"
+        return f"found: {names}{_most(result)}"
     if result.suspect_data:
         return "no effect can be claimed: the data contradict themselves"
     if result.ambiguous:
@@ -47,6 +47,30 @@ def verdict(result: Refinement) -> str:
     return "nothing to explain: the residual is at the noise floor"
 
 
+def _most(result: Refinement) -> str:
+    """Where it mends most, from what to what, and how sure the names are."""
+    drops = {
+        name: c.rmse_after / c.rmse_before
+        for name, c in result.channels.items()
+        if c.rmse_before > 0.0 and any(name in e.channels for e in result.effects)
+    }
+    sure = min(
+        (e.evidence["probability"] for e in result.effects if "probability" in e.evidence), default=None
+    )
+    said = "" if sure is None else f"; probability {sure:.2f}"
+    if not drops:
+        return said
+    name = min(drops, key=lambda n: drops[n])
+    c = result.channels[name]
+    return f": {name} errs by {number(c.rmse_after)} {c.unit} instead of {number(c.rmse_before)}{said}"
+
+
+def least_shown(result: Refinement) -> str:
+    """What of each effect would have been named, had it been there."""
+    told = ", ".join(f"{w.name} of {100 * w.share:.2g} % of {w.channel}" for w in result.would_show)
+    return f"this log would have shown: {told}" if told else ""
+
+
 def surface(result: Refinement) -> str:
     """What a smooth surface over both speeds holds beyond polynomials, channel by channel."""
     sizes = [f"{number(s.rms)} {s.unit} ({s.share:.1%}) of {s.channel}" for s in result.surface]
@@ -56,9 +80,7 @@ def surface(result: Refinement) -> str:
 def _probable(evidence: Mapping[str, Any]) -> str:
     """How probable a claim is, and by how much no other name is."""
     said = f"probability {evidence['probability']:.2f}"
-    if "nats" not in evidence or evidence.get("method") == "posterior":
-        return said
-    return f"{said}, {evidence['nats']:.0f} nats ahead of any other name"
+    return f"{said}, {evidence['nats']:.0f} nats ahead of any other name" if "nats" in evidence else said
 
 
 def either(a: Ambiguous) -> str:
@@ -86,6 +108,8 @@ def remarks(result: Refinement) -> Iterator[str]:
     for r in result.rejected:
         if r.why.startswith("cannot be judged"):
             yield f"{r.name}: {r.why}"
+    if result.would_show:
+        yield least_shown(result)
     yield from result.notes
 
 

@@ -6,7 +6,6 @@ machine take five times as long.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -31,9 +30,7 @@ from coaxlink.premises import (
     other_vehicle,
 )
 from coaxlink.premises.moves import UNKNOWN
-from coaxlink.residual.agreement import agreed, leaves_open
 from coaxlink.residual.answer.flight import CLEARLY, judge_flight
-from coaxlink.residual.answer.stand import judge_stand
 from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.channels.row_order import in_order_of_time
@@ -185,15 +182,9 @@ def refine_stand(
     several = [in_order_of_time(without_empty_cells(log)) for log in _several(logs)]
 
     def run() -> Refinement:
-        from coaxlink.residual.diagnosis.judge import diagnose_stand, reads_wrong
+        from coaxlink.residual.diagnosis.judge import diagnose_stand
 
-        if posterior_alone():
-            return diagnose_stand(several, model, progress)
-        selected = judge_stand(several, model, progress)
-        if not (leaves_open(selected) or (selected.at_floor and reads_wrong(several, model))):
-            return selected
-        progress("weighing what is left")
-        return agreed(selected, diagnose_stand(several, model, progress), several)
+        return diagnose_stand(several, model, progress)
 
     return _answered(several, run)
 
@@ -217,8 +208,3 @@ def _answered(logs: Sequence[Samples], run: Callable[[], Refinement]) -> Refinem
         raise InputError(
             source, "", f"no fit can be made of these numbers ({error}): are columns damaged?"
         ) from error
-
-
-def posterior_alone() -> bool:
-    """Whether stands are answered by the posterior alone: benchmarks hold both methods side by side."""
-    return os.environ.get("COAXLINK_ENGINE", "") == "evidence"

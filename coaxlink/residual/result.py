@@ -131,6 +131,15 @@ class SmoothSurface:
 
 
 @dataclass(frozen=True)
+class WouldShow:
+    """The smallest size of an effect that this log would have shown: what "nothing" means."""
+
+    name: str
+    share: float  # of the channel's reference load
+    channel: str
+
+
+@dataclass(frozen=True)
 class Step:
     """One thing the selection tried: `gain` is the drop of the held-out squared error, in noise variances."""
 
@@ -177,6 +186,10 @@ class Refinement:
     source: str = ""
     cannot_judge: tuple[NotJudged, ...] = ()  # premises that the answer hangs on: nothing is claimed
     not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
+    would_show: tuple[WouldShow, ...] = ()  # of effects that are not named; empty where it was not worked out
+    weighed: tuple[
+        Mapping[str, Any], ...
+    ] = ()  # candidates, and the numbers that the decision judged them by
 
     def __repr__(self) -> str:
         names = ", ".join(e.name for e in self.effects) or "no effect"
@@ -304,6 +317,8 @@ class Refinement:
             "surface": [
                 {"channel": s.channel, "rms": s.rms, "share": s.share, "unit": s.unit} for s in self.surface
             ],
+            "would_show": [{"name": w.name, "share": w.share, "channel": w.channel} for w in self.would_show],
+            "weighed": [dict(w) for w in self.weighed],
             "notes": list(self.notes),
         }
 

@@ -27,7 +27,6 @@ from coaxlink.residual.result import (
     Refinement,
     Rejected,
     Series,
-    SmoothSurface,
     Suspect,
     Unexplained,
     probability,
@@ -39,10 +38,6 @@ from coaxlink.rotor import EffectEntry, RotorModel
 DRAWS = 200
 MANY_READINGS = 1000  # independent ones, more than a run has: rows like these do not separate two effects
 SERIES_ROWS = 4000
-SURFACE, LEAST_SURFACE = (
-    " surface ",
-    0.5,
-)  # in a nuisance model column's name; times the noise, from where on it is told
 OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
 # times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
 SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
@@ -89,9 +84,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     final = solve(q.blocks, use, np.ones(q.blocks.count))
     draws = bootstrap(q.blocks, use, DRAWS) if members else np.zeros((0, len(q.blocks.bounds)))
     named = [_found(j, k, final, draws, squares_after) for k in range(len(members))]
-    effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.flagged)
-    flagged = [_flag(e, m) for e, m in zip(named, members, strict=True) if m.effect.flagged]
-    suspects = (*j.suspects, *flagged)
+    effects, suspects = tuple(named), j.suspects
     unexplained = j.open_ends
     if unexplained is None:
         # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
@@ -129,7 +122,6 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
             *_worse(channels),
             *(note for log in logs for note in log.notes),
         ),
-        surface=_surface(q, final, j.floor),
         series=_series(j, before, after),
         source="; ".join(log.source for log in logs),
     )
@@ -150,18 +142,6 @@ def _at_limit(p: Problem, final: Array) -> tuple[str, ...]:
     return (
         f"{', '.join(at)}: as large as a given model may be off by; something small may hide in them "
         "(more rows at low and full speed would tell)",
-    )
-
-
-def _surface(p: Problem, final: Array, floor: Array) -> tuple[SmoothSurface, ...]:
-    """What surfaces over the speeds hold of each channel, from half its noise (C,) on."""
-    columns = [i for i, name in enumerate(p.nuisance_names) if SURFACE in name]
-    held = p.design[:, :, columns] @ final[columns] * p.sigma
-    rms = np.sqrt(np.mean(held**2, axis=0))
-    return tuple(
-        SmoothSurface(name, float(rms[c]), float(rms[c] / p.reference[c]), p.units[c])
-        for c, name in enumerate(p.channels)
-        if rms[c] > LEAST_SURFACE * floor[c]
     )
 
 
@@ -272,12 +252,6 @@ def _evidence(j: Judged, name: str) -> dict[str, Any]:
             out["nats"] = round(min(j.ahead[name]), 1)
     was = [dict(parameters) for effect, parameters in j.known if effect.name == name]
     return out | ({"was": was[0]} if was else {})
-
-
-def _flag(found: FoundEffect, member: Option) -> Suspect:
-    """An instrument that lies, in words."""
-    numbers = ", ".join(f"{q.name} {q.value:.3g}" for q in found.parameters)
-    return Suspect(member.effect.flagged, "all", f"{member.effect.physics} ({numbers})")
 
 
 def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:

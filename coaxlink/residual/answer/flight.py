@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
-from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.search.change_point import with_onsets
@@ -113,10 +113,10 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
     judged = Judged(settled_nuisance(c.problem), c.selection, c.joint, floor, variables, *parts)
 
-    def fitted(options: Sequence[Option], _: Mapping[str, Member]) -> Joint:
+    def fitted(options: Sequence[Option]) -> Joint:
         return f.fitted(c.problem, Selection(members=list(options)), all_of=True).joint
 
-    return answer(with_rivals(judged, c.problem, fitted, derived=c.names - chosen), several)
+    return answer(with_rivals(judged, c.problem, fitted, c.names - chosen), several)
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:

@@ -17,7 +17,6 @@ from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.load import Load
-from coaxlink.residual.nuisance.speed_ratio_surface import GAIN, VARIANTS, Surface, find_surface
 from coaxlink.residual.regression.blocks import folds_of
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
@@ -34,15 +33,12 @@ RICHER = 0.8  # a higher order must leave less than this share of the held-out s
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
 LEAST_ROWS = 16  # judgement: one load over one speed (12 rows) and a few to be held out
 ROWS_A_TERM = 4  # judgement: of a polynomial; with fewer it is no nuisance model to judge anything by
-APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels than that runs
-MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
+APART = 0.02  # of normalised speed: less is one speed
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
 IDLE = 0.04  # of full speed
 UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
-DRAGGED = 0.1  # of the upper speed: a slower lower rotor stalls in its wake
 # of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
 JUMP, WINDMILL = 0.01, 0.1
-POLYNOMIALS = "polynomials do not follow this pair"
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
     0.06,
@@ -74,13 +70,11 @@ def stand_frame(
     samples: Samples,
     model: RotorModel | None,
     orders: Orders = ANY,
-    shed: Array | None = None,
     trusted: NDArray[np.intp] | None = None,
 ) -> StandFrame:
     """Both sides of a stand log; without a model, one of these orders, as the log supports.
 
-    `shed` (rows, 6) is what effects add that are known of already: how rich a nuisance the log asks for is
-    seen best without them. `trusted` rows alone are asked for the nuisance model, and judged.
+    `trusted` rows alone are asked for the nuisance model, and judged.
     Raises InputError: nothing measured, no speeds, too few rows.
     """
     names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
@@ -111,42 +105,25 @@ def stand_frame(
     if back.any():
         time = np.arange(float(samples.rows))
     free = model is None
-    plain = measured if shed is None else measured - shed
     keep = np.arange(samples.rows) if trusted is None else trusted
-    surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
     if back.any():
         place = samples.place(int(np.argmax(back)) + 1)
         notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")
     if model is None:
         present = _followed(samples, u[keep], present, orders, notes)
-        nuisance, keep = _fitted_nuisance(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
+        nuisance, keep = _fitted_nuisance(u, measured, keep, present, speeds.speed_max_rpm, orders, notes)
     else:
         nuisance = model
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
     if model is not None and not speeds.from_throttle and not commanded:
-        awake = keep[~_idle(u, 0.0)[keep]]
+        awake = keep[~_idle(u)[keep]]
         if LEAST_ROWS < len(awake) < len(keep):
             asleep = len(keep) - len(awake)
             notes.append(f"{asleep} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
             keep = awake
-    if free and len(orders[1]) > 1:
-        turning_rows = keep[~_idle(u, DRAGGED)[keep]]
-        if len(turning_rows) < LEAST_ROWS:
-            turning_rows = keep
-        gain = GAIN if shed is None else VARIANTS
-        nuisance, surfaces = _with_surfaces(nuisance, u[turning_rows], plain[turning_rows], present, gain)
-    if surfaces:
-        if len(turning_rows) < len(keep):
-            idle = len(keep) - len(turning_rows)
-            notes.append(f"{idle} rows, lower rotor below a tenth of the upper speed: not judged")
-        keep = turning_rows
-        names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
-        notes.append(
-            f"{names_of_loads}: {POLYNOMIALS}; errors are beside a free curve over the ratio of the speeds"
-        )
     frame = StandFrame(
         model=nuisance,
         time_s=time,
@@ -163,7 +140,6 @@ def stand_frame(
         block=_blocks(u if throttles is None else throttles, time),
         keep=keep,
         notes=tuple(notes),
-        surfaces=surfaces,
     )
     return predict(frame)
 
@@ -177,14 +153,14 @@ def _set_points(u: Array) -> bool:
     return len(u) > LEAST_ROWS
 
 
-def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
-    """(rows,) where the lower rotor barely turns in a wake: it stalls and windmills; no surface follows.
+def _idle(u: Array) -> NDArray[np.bool_]:
+    """(rows,) where the lower rotor barely turns in a wake: it stalls and windmills.
 
     At rest for longer than a row it is not idle: what the upper rotor does alone is seen there.
     """
     rest = u[:, 1] <= 0.0
     lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
-    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, dragged * u[:, 0])) & ~lasting)
+    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < IDLE) & ~lasting)
 
 
 def _followed(
@@ -222,7 +198,7 @@ def _fitted_nuisance(
 ) -> tuple[RotorModel, NDArray[np.intp]]:
     """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
     nuisance = fitted_model(u[keep], measured[keep], present, speed_max_rpm, orders)
-    idle = _idle(u[keep], 0.0)
+    idle = _idle(u[keep])
     lower = [c for c in present if c in (2, 3)]
     if not lower or not idle.any() or np.sum(~idle) <= LEAST_ROWS:
         return nuisance, keep
@@ -237,26 +213,6 @@ def _fitted_nuisance(
     turning = fitted_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
     terms = {**nuisance.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
     return RotorModel.from_terms(nuisance.form, speed_max_rpm, terms), awake
-
-
-def _with_surfaces(
-    nuisance: RotorModel, u: Array, measured: Array, present: Sequence[int], gain: float
-) -> tuple[RotorModel, dict[int, Surface]]:
-    """A fitted nuisance with the surfaces over the speeds' ratio that the lower loads ask for beside it."""
-    terms = {load: dict(named) for load, named in nuisance.terms().items()}
-    richest = tuple(dictionary_of(LOADS[2], ORDERS[-1]))
-    surfaces = {}
-    for c in (2, 3):
-        if c in present and min(np.ptp(u, axis=0)) > 0.2:
-            surface = find_surface(u, measured[:, c], richest, gain)
-            if surface is not None:
-                surfaces[c] = surface
-                x = design_matrix(richest, u[:, 0], u[:, 1])
-                fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
-                terms[LOADS[c]] = dict(zip(richest, map(float, fit), strict=True))
-    if not surfaces:
-        return nuisance, surfaces
-    return RotorModel.from_terms(nuisance.form, nuisance.speed_max_rpm, terms), surfaces
 
 
 def predict(frame: StandFrame) -> StandFrame:
@@ -341,14 +297,6 @@ def base_corrections(frame: StandFrame) -> Nuisance:
             for term in terms[load]:
                 values = design_matrix([term], frame.speeds[:, 0], frame.speeds[:, 1])[:, 0]
                 column(f"{load} {term}", np.inf, c, values)
-            if c < 2:
-                # the polynomial need not meet each of a few levels: between them it is no witness
-                level = held_levels(frame.speeds[:, 0])
-                for k in np.unique(level) if level is not None else ():
-                    column(f"{load} level {k}", MISSED * frame.reference[c], c, 1.0 * (level == k))
-            if c in frame.surfaces:
-                for k, values in enumerate(frame.surfaces[c].columns(frame.speeds).T):
-                    column(f"{load} surface {k}", frame.surfaces[c].scale, c, values)
             continue
         own, other = (0, 1) if c < 2 else (1, 0)
         nuisance = frame.predicted[:, c]
@@ -386,12 +334,6 @@ def base_corrections(frame: StandFrame) -> Nuisance:
                 for name, bound, values in (("1", JUMP, rest), ("o", WINDMILL, rest * rival)):
                     column(f"{STAND_CHANNELS[4 + side]}_at_rest {name}", bound, 4 + side, values)
     return out
-
-
-def held_levels(u: Array) -> NDArray[np.intp] | None:
-    """(rows,) numbers of the levels at which a speed was held; None where it ran."""
-    _, level = np.unique(np.round(u / APART).astype(int), return_inverse=True)
-    return np.asarray(level, np.intp) if 2 < level.max() + 1 <= MOST_LEVELS else None
 
 
 def _blocks(u: Array, time: Array) -> np.ndarray:

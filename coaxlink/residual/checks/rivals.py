@@ -10,24 +10,22 @@ the evidence half the logarithm of the rows (Schwarz 1978): what has more number
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from coaxlink.frames import Array
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import solve
-from coaxlink.residual.regression.gates import autocorrelation_time
 from coaxlink.residual.regression.irls import channel_errors
-from coaxlink.residual.regression.joint_model import Joint, Member, of_grid
+from coaxlink.residual.regression.joint_model import Joint, of_grid
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.search.select import NESTED
 from coaxlink.residual.search.trial import ALPHA, Judge, Trial, columns_of
 
-# the joint fit of options of the problem, members that were fitted before starting from where they were
-Fitted = Callable[[Sequence[Option], Mapping[str, Member]], Joint]
-# the problem about a joint fit: its members first, then every other effect's options, taken through them
-Beside = Callable[[Joint], Problem]
+# the joint fit of options of the problem
+Fitted = Callable[[Sequence[Option]], Joint]
 
 APART = -float(np.log(ALPHA))  # nats: as improbable as the chance that the selection allows
 CONFOUNDED = 0.5  # of what an effect explains, in a shape of the grid: less is no rival
@@ -54,51 +52,29 @@ class Rivalry:
         """Whether the log does not tell the effect from another one."""
         return not self.form and self.nats < APART
 
-    @property
-    def lost(self) -> bool:
-        """Whether the effect gives way: to one clearly ahead, or to a form that leaves it needless."""
-        return self.nats < (APART if self.form else -APART)
 
-
-def rivalries(
-    problem: Problem,
-    joint: Joint,
-    fitted: Fitted,
-    derived: Collection[str] = (),
-    *,
-    beside: Beside | None = None,
-) -> list[Rivalry]:
+def rivalries(problem: Problem, joint: Joint, fitted: Fitted, derived: Collection[str] = ()) -> list[Rivalry]:
     """Every member of a joint fit against the other effects of `problem`, which has each in all its forms.
 
-    Members named in `derived` have another reason than a smaller error, and no rival. With `beside` a
-    claim gives way to what is ahead of it, and rivals are looked for about a fit of what stays.
+    Members named in `derived` have another reason than a smaller error, and no rival.
     """
-    yielding = beside is not None
     judge, out = Judge(problem), []
-    members = {m.name: m for m in joint.members}
     options = of_grid(problem, joint.problem.options)
     claimed = _Held.of(joint)
     for mine in [o for o in options if o.name not in derived]:
         rest = [o for o in options if o is not mine]
-        there, stays = judge, rest
-        if beside is not None and rest:
-            alone = fitted(rest, {o.name: members[o.name] for o in rest})
-            there = Judge(beside(alone))
-            stays = list(there.problem.options[: len(alone.members)])
-        screened = [(rest, trial) for trial in _in_its_place(problem, there, stays, mine)]
+        screened = [(rest, trial) for trial in _in_its_place(problem, judge, rest, mine)]
         for others, rival in [*screened, *_of_other_forms(judge, rest)]:
-            settled = {o.name: members[o.name] for o in others}
-            swapped = fitted([*others, rival.option], settled)
+            swapped = fitted([*others, rival.option])
             if rival.option.name not in {m.name for m in swapped.members}:
                 continue  # physics does not allow it there
             instead, form = _Held.of(swapped), len(others) < len(rest)
             more = _numbers(swapped) - _numbers(joint)
             nats = claimed.ahead_of(instead) + more * (0.5 * np.log(np.sum(claimed.rows)) - 1.0)
             if nats < APART:  # what a name explains beside another is not what the other explains
-                both = fitted([*others, rival.option, mine], {**settled, mine.name: members[mine.name]})
+                both = fitted([*others, rival.option, mine])
                 own = _Held.of(both).ahead_of(instead)
-                # a better form of what stays is no reason to give it up, a better name for it is
-                nats = own if own >= max(APART, -nats if yielding and not form else 0.0) else nats
+                nats = own if own >= APART else nats
             out.append(Rivalry(mine, tuple(others), rival, nats, form))
     return out
 
@@ -116,7 +92,7 @@ def _in_its_place(problem: Problem, judge: Judge, stays: list[Option], mine: Opt
     for trial in judge.best_of_each(stays):
         other = trial.option
         # what is a special case of another is explained by the other as well
-        if other.name == mine.name or other.effect.flagged or (mine.name, other.name) in NESTED:
+        if other.name == mine.name or (mine.name, other.name) in NESTED:
             continue
         if without - trial.total >= CONFOUNDED * worth:
             # by its columns in the problem that was asked, not in the one beside the fit
@@ -154,11 +130,6 @@ class _Held:
         """
         rows = np.where(self.log_errors < other.log_errors, self.rows, other.rows)
         return float(rows @ (other.log_errors - self.log_errors))
-
-
-def nats_ahead(one: Joint, other: Joint) -> float:
-    """Log likelihood ratio of held-out blocks of a joint fit to another one of the same rows."""
-    return _Held.of(one).ahead_of(_Held.of(other))
 
 
 def _numbers(joint: Joint) -> int:

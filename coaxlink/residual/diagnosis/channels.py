@@ -39,7 +39,6 @@ class Channels:
     effects: tuple[Tracing[Any], ...]
     reduce: Callable[[Array], Array]
     notes: tuple[str, ...] = ()
-    behind: NDArray[np.intp] | None = None  # (rows,) rows before each without a gap; None: all of them
     # of the reference load: less is within what a sound model and a sound stand are off by
     least_size: float = 0.005
     more_shapes: Callable[[Any, Tracing[Any]], Sequence[Shape]] = (
@@ -49,6 +48,7 @@ class Channels:
     # discrepancies of the rotor map beyond `surface`, by name: one of them, or none, is in every hypothesis
     maps: Mapping[str, Callable[[], tuple[Block, ...]]] = field(default_factory=dict)
     map: str = ""
+    bent: Callable[[], tuple[Block, ...]] = tuple  # a wider map that names are held against
     grid: list[tuple[Tracing[Any], Shape, Array]] = field(default_factory=list)  # filled by the first search
 
     @property

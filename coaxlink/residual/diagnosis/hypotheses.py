@@ -19,7 +19,6 @@ from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.regression.joint_model import Member, composed, member
 
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it (judgement)
-GRADUAL_ODDS = np.log(1.0 / 20.0)  # that what begins comes gradually: a tank, a sliding load
 # of the Gauss-Newton steps, judgement: effort, no part of any answer that is at its best
 STEPS = 5
 HALVINGS = (1.0, 0.5, 0.2)
@@ -213,7 +212,6 @@ class Scorer:
         width = self.white.shape[-1]
         prior = (
             small * REFUSED
-            + self.colour.log_scale
             + sum(_log_prior(ch, m) for m in members)
             + len({form_name(f) for f in forms}) * (ODDS - np.log(len(ch.forms)))
         )
@@ -273,15 +271,11 @@ class Scorer:
             best, values = self.linearised(moved, forms, best.fit.noise)
         return best
 
-    def recoloured(self, h: Hypothesis) -> Colour:
-        """The colour of what a hypothesis leaves."""
-        return colour_of(h.left, self.channels.behind)
-
 
 def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
     """The hypothesis under the colour of what itself leaves; every number of a colour costs as BIC has it."""
     for _ in range(COLOURS):
-        colour = colour_of(h.left, ch.behind)
+        colour = colour_of(h.left)
         near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
         h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near)
     return replace(h, log_prior=h.log_prior - 0.5 * colour.size * np.log(len(h.left)))
@@ -329,10 +323,6 @@ def _log_prior(ch: Channels, m: Member) -> float:
         for s in (*m.effect.shapes(frame), *ch.more_shapes(frame, m.effect))
     }
     out = ODDS - np.log(max(len(forms), 1))
-    if m.effect.sudden:  # from the first, or from some moment on
-        out -= np.log(2.0)
-        if "over_s" in m.shape:
-            out += GRADUAL_ODDS
     whole = effect_named(m.name)
     for p in whole.parameters if whole else ():
         if p.prior is not None and p.name in numbers and p.name != "share":

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
 from coaxlink.residual.diagnosis.answer import answered
 from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.decide import NOTHING, decided
 from coaxlink.residual.diagnosis.faults import weighed_faults
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import Colour, colour_of, white
@@ -18,12 +19,14 @@ from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import Search
 from coaxlink.residual.diagnosis.stand import stand_channels
 from coaxlink.residual.faults.stand_faults import find_suspects
-from coaxlink.residual.result import Refinement
+from coaxlink.residual.result import Refinement, WouldShow
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 ROUNDS = 2  # of colour: what is left of the best set says what the noise is
 SAME_COLOUR = 0.05  # of a coefficient
+WORTH_TELLING = 0.3  # of the reference load: a log that shows only more than that shows nothing of an effect
+NAMED_NATS = 30.0  # that a name has where it is claimed, at the least: what the smallest size is told for
 STARTS = 4  # sets that the next round begins with
 ALL_ROWS = 20_000  # of the last fit
 SPEEDS = ("upper_rpm", "lower_rpm")
@@ -37,13 +40,16 @@ class Diagnosis:
     posterior: Posterior
     colour: Colour
     channels: Channels  # with the map's discrepancy that it was found beside
+    would_show: Mapping[
+        str, tuple[float, str]
+    ]  # of every effect the size that would have been named, and where
 
 
-def diagnosed(ch: Channels, progress: Progress, *, rivals: bool = False) -> Diagnosis:
+def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
     """Search under white noise, then under the colour of what the best set leaves, until that stays.
 
     The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
-    With `rivals` what could be confounded with each effect of the best set is weighed as well.
+    What could be confounded with each effect of the best set is weighed as well.
     """
     colour = white(ch.count)
     ch = mapped(ch, colour)
@@ -55,15 +61,15 @@ def diagnosed(ch: Channels, progress: Progress, *, rivals: bool = False) -> Diag
         starts = visited.ranked()[:STARTS]
         if number == ROUNDS - 1:
             break
-        seen = colour_of(visited.best.left, ch.behind)
+        seen = colour_of(visited.best.left)
         better = mapped(ch, seen, visited.best)
         if _same(seen, colour) and better.map == ch.map:
             break
         ch, colour = better, seen
-    if rivals:
-        progress("weighing what could stand in")
-        search.rivals()
-    return Diagnosis(posterior(ch, scorer.colour, visited.ranked()), scorer.colour, ch)
+    progress("weighing what could stand in")
+    search.rivals()
+    found = posterior(ch, scorer.colour, visited.ranked())
+    return Diagnosis(found, scorer.colour, ch, search.would_show(NAMED_NATS))
 
 
 def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Channels:
@@ -85,26 +91,8 @@ def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Chan
 
 def _same(a: Colour, b: Colour) -> bool:
     pairs = zip(a.ahead, b.ahead, strict=True)
-    return all(len(x) == len(y) and bool(np.allclose(x, y, atol=SAME_COLOUR)) for x, y in pairs)
-
-
-def reads_wrong(several: Sequence[Samples], model: RotorModel | None) -> bool:
-    """Whether a fault of an instrument is more probable than that these logs hold nothing at all.
-
-    A nuisance model fitted to the log itself, or a smooth map, may follow what a saturated cell reads.
-    Raises InputError as `diagnose_stand` does.
-    """
-    samples = joined(several)
-    ch = stand_channels(samples, model)
-    if len(ch.frame.keep) < LEAST_ROWS:
-        return False
-    colour = white(ch.count)
-    ch = mapped(ch, colour)
-    nothing = Scorer(ch, colour).empty
-    return (
-        weighed_faults(samples, ch, nothing, lambda other: mapped(stand_channels(other, model), colour))
-        is not None
-    )
+    same = all(len(x) == len(y) and bool(np.allclose(x, y, atol=SAME_COLOUR)) for x, y in pairs)
+    return same and a.wander == b.wander
 
 
 def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progress: Progress) -> Refinement:
@@ -130,7 +118,7 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
     elif any(x.column in SPEEDS for x in suspects):
         notes.append(IN_DOUBT)
     elif not silent:
-        found = diagnosed(ch, progress, rivals=True)
+        found = diagnosed(ch, progress)
         progress("weighing faults")
         fault = weighed_faults(
             samples,
@@ -148,9 +136,14 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
                 trusted = sound
                 ch = stand_channels(samples, model, trusted)
                 if fault.suspect.column not in SPEEDS:
-                    found = diagnosed(ch, progress, rivals=True)
+                    found = diagnosed(ch, progress)
     progress("judging")
     every = stand_channels(samples, model, trusted, most=ALL_ROWS)
     if found:
         every = every.with_map(found.channels.map)
-    return answered(every, found.posterior if found else None, suspects, notes, several)
+    said = decided(found.channels, found.posterior) if found else NOTHING
+    out = answered(every, found.posterior if found else None, said, suspects, notes, several)
+    shown = found.would_show if found else {}
+    named = {*said.claimed} | said.grouped
+    least = [WouldShow(n, s, c) for n, (s, c) in shown.items() if n not in named and s < WORTH_TELLING]
+    return replace(out, would_show=tuple(sorted(least, key=lambda w: w.share)))

@@ -1,7 +1,8 @@
-"""Noise with colour: every channel's own autoregressive model, taken out of both sides of the regression.
+"""Noise with colour: white, a slow wander and what rings, taken out of both sides of the regression.
 
-What rings, aliases or wanders from row to row is noise. A linear prediction from the rows before leaves it
-white (Box and Jenkins), and a likelihood of what is left needs no correction for it.
+Every channel's noise is white noise beside an Ornstein-Uhlenbeck process (a cell's wander, weather) seen
+through a damped oscillation or two (a rig that rings, a filter). What the rows before foretell is taken off;
+a likelihood of the innovations that are left needs no correction for it (Box and Jenkins 1970, ch. 7).
 """
 
 from __future__ import annotations
@@ -9,98 +10,92 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
 
 from coaxlink.frames import Array
 
-Index = NDArray[np.intp]
-
-MOST_ORDER = 6
+MOST_ORDER = 6  # of what rings: three oscillations
 LEAST_ROWS_PER_ORDER = 25
-STABLE = 0.98  # of the reflection coefficient: noise that never forgets is a drift
+# of the wander, grids of its likelihood: rows after which it is forgotten, as shares of the log (longer is a
+# trend, and no noise), and the share of a surprise that is the wander's
+FORGETS, GAINS = (0.005, 0.015, 0.05, 0.15), (0.01, 0.03, 0.1, 0.3)
+LEAST_FORGETS = 4.0  # rows: faster is what rings
 
 
 @dataclass(frozen=True)
 class Colour:
-    """(order,) coefficients of each channel's prediction from the rows before.
+    """Each channel's prediction from the rows before: `wander` (keeps, forgets) or None, then `ahead`
+    (order,).
 
-    `behind` (rows,) counts the rows before each that follow one another without a gap; None: all of them.
-    `begins` are predictions from fewer rows, behind a gap: coefficients, and the deviation of the noise over
-    that of the prediction's error (Levinson's recursion).
+    Of white noise and a wander the innovations are e_k = y_k - keeps y_(k-1) + forgets e_(k-1) (ARMA(1, 1)).
     """
 
     ahead: tuple[Array, ...]
-    behind: Index | None = None
-    begins: tuple[tuple[tuple[Array, float], ...], ...] = ()
+    wander: tuple[tuple[float, float] | None, ...]
 
     @property
     def size(self) -> int:
         """Count of its numbers."""
-        return sum(len(a) for a in self.ahead)
+        return sum(len(a) for a in self.ahead) + 2 * sum(w is not None for w in self.wander)
 
     def whiten(self, columns: Array) -> Array:
-        """What the prediction leaves of (rows, C, ...), of the noise's own size also behind a gap."""
+        """What the prediction leaves of (rows, C, ...)."""
         out = np.array(columns, float)
-        for c, a in enumerate(self.ahead):
-            for k, weight in enumerate(a, start=1):
-                out[k:, c] -= weight * columns[:-k, c]
-            for k, (few, scale) in enumerate(self._begins(c)):
-                at = np.flatnonzero(self.behind == k)
-                out[at, c] = columns[at, c]
-                for j, weight in enumerate(few, start=1):
-                    out[at, c] -= weight * columns[at - j, c]
-                out[at, c] *= scale
+        if not out.size:
+            return out
+        for c, (ahead, wander) in enumerate(zip(self.ahead, self.wander, strict=True)):
+            if wander is not None:
+                out[:, c] = lfilter([1.0, -wander[0]], [1.0, -wander[1]], out[:, c], axis=0)
+            before = out[:, c].copy() if len(ahead) else out[:, c]
+            for k, weight in enumerate(ahead, start=1):
+                out[k:, c] -= weight * before[:-k]
         return out
-
-    @property
-    def log_scale(self) -> float:
-        """Log of the density's change by the rows behind gaps that were scaled."""
-        if self.behind is None:
-            return 0.0
-        counts = np.bincount(np.minimum(self.behind, MOST_ORDER), minlength=MOST_ORDER + 1)
-        each = (
-            counts[k] * np.log(s) for c in range(len(self.ahead)) for k, (_, s) in enumerate(self._begins(c))
-        )
-        return float(sum(each))
-
-    def _begins(self, channel: int) -> tuple[tuple[Array, float], ...]:
-        return self.begins[channel] if self.begins and self.behind is not None else ()
 
 
 def white(channels: int) -> Colour:
     """No colour."""
-    return Colour(tuple(np.zeros(0) for _ in range(channels)))
+    return Colour((np.zeros(0),) * channels, (None,) * channels)
 
 
-def colour_of(left: Array, behind: Index | None = None) -> Colour:
-    """The models of residuals (rows, C) in the order of time; the order is chosen by the evidence (BIC)."""
-    models = [_predictor(left[:, c] - np.mean(left[:, c]), behind) for c in range(left.shape[1])]
-    ahead, begins = tuple(m[0] for m in models), tuple(m[1] for m in models)
-    return Colour(ahead, behind, begins)
+def colour_of(left: Array) -> Colour:
+    """The models of residuals (rows, C) in the order of time; how many numbers each has is chosen by BIC."""
+    models = [_model(left[:, c] - np.mean(left[:, c])) for c in range(left.shape[1])]
+    return Colour(tuple(m[0] for m in models), tuple(m[1] for m in models))
 
 
-def _predictor(values: Array, behind: Index | None) -> tuple[Array, tuple[tuple[Array, float], ...]]:
+def _model(values: Array) -> tuple[Array, tuple[float, float] | None]:
+    rows = len(values)
+    if rows < 2 * LEAST_ROWS_PER_ORDER or not np.all(np.isfinite(values)) or not np.any(values):
+        return np.zeros(0), None
+    ahead, least = _predictor(values)
+    wander = None
+    tried = []
+    for share in FORGETS:
+        keeps = float(np.exp(-1.0 / max(share * rows, LEAST_FORGETS)))
+        for gain in GAINS:
+            pair = keeps, keeps * (1.0 - gain)
+            surprise = lfilter([1.0, -pair[0]], [1.0, -pair[1]], values)
+            tried.append((float(surprise @ surprise), pair, surprise))
+    for _, pair, surprise in sorted(tried, key=lambda t: t[0])[:2]:
+        other, cost = _predictor(surprise)
+        if cost + 2.0 * np.log(rows) < least:
+            ahead, least, wander = other, cost + 2.0 * np.log(rows), pair
+    return ahead, wander
+
+
+def _predictor(values: Array) -> tuple[Array, float]:
+    """The autoregression of least cost (BIC), and this."""
     rows = len(values)
     most = min(MOST_ORDER, rows // LEAST_ROWS_PER_ORDER)
-    near = np.arange(rows) if behind is None else behind
-    covariance = np.zeros(most + 1)
-    for k in range(most + 1):
-        pairs = near[k:] >= k  # without a gap between them
-        share = (rows - k) / max(int(pairs.sum()), 1)
-        covariance[k] = share * (values[: rows - k] @ (values[k:] * pairs)) / rows
-    if most < 1 or not np.all(np.isfinite(covariance)) or covariance[0] <= 0.0:
-        return np.zeros(0), ()
-    ladder = [(np.zeros(0), float(covariance[0]))]
-    best, least = 0, rows * np.log(covariance[0])
+    covariance = np.array([values[: rows - k] @ values[k:] for k in range(most + 1)]) / rows
+    best, least = np.zeros(0), float(rows * np.log(covariance[0]))
     for order in range(1, most + 1):
-        ahead = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
+        ahead = np.asarray(solve_toeplitz(covariance[:order], covariance[1 : order + 1]))
         variance = covariance[0] - ahead @ covariance[1 : order + 1]
         if variance <= 0.0:
             break
-        cost = rows * np.log(variance) + order * np.log(rows)
-        ladder.append((np.asarray(ahead), float(variance)))
+        cost = float(rows * np.log(variance) + order * np.log(rows))
         if cost < least:
-            best, least = order, cost
-    final = ladder[best][1]
-    return ladder[best][0], tuple((a, float(np.sqrt(final / v))) for a, v in ladder[:best])
+            best, least = ahead, cost
+    return best, least

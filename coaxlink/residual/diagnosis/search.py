@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from coaxlink.effects.onset import COMES, gradual
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
 from coaxlink.residual.diagnosis.screening import Stack
@@ -19,13 +18,12 @@ from coaxlink.residual.regression.joint_model import Member
 BEAM = 2
 TRIED = 4  # effects of a screening that are fitted
 TRIED_FORMS = 2
+NAMED = 3  # effects that are tried in the place of free forms
 MOST = 5
 HOPELESS = 100.0  # nats behind at its first point, and a share of all that is explained
 LEAST_FORM_GAIN = 5.0  # nats: a free form's odds take ten
 LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
 FAR = 30.0  # nats below the best: not worth another look
-# beside what a loop answers a step shows for as long as it passes a 4 Hz low-pass: half a second
-SHARP_S, MOST_TIMES = 0.4, 300
 # what must act where its recorded cause moves: loads go with the air's density (blade element theory)
 DUE = frozenset({"air_density"})
 CONFOUNDED = 0.5  # of what an effect explains: less is no rival before its shape has moved
@@ -74,8 +72,6 @@ class Search:
         self.grid = Stack([(c.white, c.deviation) for c in self.candidates])
         self.forms = tuple(self.channels.forms)
         self.free = Stack([(w, b.deviation) for b, w in map(scorer.form, self.forms)])
-        self.barred: set[str] = set()
-        self._sharp: dict[object, tuple[list[Candidate], Stack]] = {}
 
     def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
         """From nothing, and from given members, until nothing better comes."""
@@ -117,6 +113,16 @@ class Search:
                 self._try(h.members, [*h.forms, form], h)
         if h.members and (h.names == self.visited.best.names or not h.forms):
             self._refined(h)
+        if h.forms and h.names == self.visited.best.names:
+            self._named(h)
+
+    def _named(self, h: Hypothesis) -> None:
+        """Effects in the place of all free forms over one variable: what has no name was found first."""
+        for variable in dict.fromkeys(f.split("|")[0] for f in h.forms):
+            forms = [f for f in h.forms if f.split("|")[0] != variable]
+            without = self._try(h.members, forms, h, anew=False)
+            for effect, candidate in self.screened(without)[:NAMED]:
+                self._grown(without, effect, candidate)
 
     def rivals(self) -> None:
         """Each effect of the best set in turn given up for every other one that could be confounded with it.
@@ -161,8 +167,29 @@ class Search:
         start = self.started(h, candidate)
         self._try([*h.members, start], h.forms, h)
 
-    def started(self, h: Hypothesis, c: Candidate) -> Member:
-        """The candidate with the coefficients that fit beside a hypothesis."""
+    def would_show(self, nats: float) -> dict[str, tuple[float, str]]:
+        """Of every effect, how large it had to be to gain so many nats beside the best set, and where it
+        would show.
+
+        Sizes are shares of the reference load, 95th percentile over the rows, of the middle one of an
+        effect's plain shapes; expected nats grow with the square of the size.
+        """
+        best = self.visited.best
+        sizes: dict[str, list[tuple[float, str]]] = {}
+        for c in self.candidates:
+            information, _ = self._beside(best, c)
+            own = 1.0 / max(float(np.linalg.pinv(information, hermitian=True)[0, 0]), 1e-300)
+            column = np.abs(self.channels.reduce(c.effect.columns(self.channels.frame, c.shape))[..., 0])
+            share = np.quantile(column, 0.95, axis=0) / self.channels.reference
+            k = int(np.argmax(share))
+            size = float(share[k]) * float(np.sqrt(2.0 * nats / own))
+            sizes.setdefault(c.effect.name, []).append((size, self.channels.names[k]))
+        return {name: sorted(mine)[len(mine) // 2] for name, mine in sizes.items()}
+
+    def _beside(self, h: Hypothesis, c: Candidate) -> tuple[Array, Array]:
+        """(K, K) what the log tells of a candidate's coefficients beside a hypothesis that gives way, (K,)
+        moments.
+        """
         left = self.scorer.colour.whiten(h.left)
         weight = 1.0 / h.fit.noise**2
         gram, moment = np.diag(1.0 / c.deviation**2), np.zeros(len(c.deviation))
@@ -172,9 +199,12 @@ class Search:
             gram += weight[k] * (mine.T @ mine)
             moment += weight[k] * (mine.T @ left[:, k])
             cross += weight[k] * (h.whitened(int(k)).T @ mine)
-        # the hypothesis gives way: its numbers and the candidate's are found together
         half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
-        values = np.linalg.solve(gram - half.T @ half, moment)
+        return gram - half.T @ half, moment
+
+    def started(self, h: Hypothesis, c: Candidate) -> Member:
+        """The candidate with the coefficients that fit beside a hypothesis."""
+        values = np.asarray(np.linalg.solve(*self._beside(h, c)), float)
         first = begun(self.channels, c.effect, c.shape, values)
         if (
             len(values) == 1
@@ -187,34 +217,14 @@ class Search:
         return begun(self.channels, c.effect, c.shape, values)
 
     def _refined(self, h: Hypothesis) -> None:
-        """Other forms of each member, and other beginnings."""
+        """Other forms of each member."""
         for k, m in enumerate(h.members):
-            if m.effect.sudden:
-                self._begun_anew(h, k)
-            other_forms = [*m.effect.variants(self.channels.bare, m.shape, m.coefficients)]
-            if m.effect.sudden:
-                other_forms += [(s, m.coefficients) for s in gradual(self.channels.bare, m.shape)]
-            for shape, coefficients in other_forms:
+            for shape, coefficients in m.effect.variants(self.channels.bare, m.shape, m.coefficients):
                 other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
                 changed = [other if i == k else o for i, o in enumerate(h.members)]
                 first, _ = self.scorer.linearised(changed, h.forms, h.fit.noise)
                 if first.score > h.score - HOPELESS * (1.0 + 0.01 * abs(h.score - self.scorer.empty.score)):
                     self._try(changed, h.forms, h)
-
-    def _begun_anew(self, h: Hypothesis, k: int) -> None:
-        """Member k from the best of all beginnings on, beside the others: in any form, and in its own."""
-        m, others = h.members[k], [m for i, m in enumerate(h.members) if i != k]
-        name, form = m.name, _form_numbers(m.shape)
-        mine = [c for c in self.candidates if c.effect.name == name and "onset_s" in c.shape]
-        if not mine:
-            return
-        without = self._try(others, h.forms, h, anew=False)
-        gains = dict(zip(map(id, self.candidates), self._gains(without, self.grid), strict=True))
-        best = self._timed(without, max(mine, key=lambda c: gains[id(c)]))
-        self._try([*others, self.started(without, best)], h.forms, h)
-        sharp, stack = self._beginnings(m.effect, form)
-        best = self._timed(without, sharp[int(np.argmax(self._gains(without, stack)))], SHARP_S)
-        self._try([*others, self.started(without, best)], h.forms, h)
 
     def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
         """The most promising effects beside a hypothesis, each in its best shape of the grid."""
@@ -231,49 +241,12 @@ class Search:
             c = self.candidates[k]
             if gain < LEAST_GAIN or len(out) == most:
                 break
-            if c.effect.name in h.names or c.effect.name in self.barred or c.effect.name in out:
+            if c.effect.name in h.names or c.effect.name in out:
                 continue
-            if "onset_s" in c.shape:
-                c = self._timed(h, c)
             start = self.started(h, c)
             if c.effect.refuse(start.parameters(self.channels.bare)) is None:
                 out[c.effect.name] = c.effect, c, gain
         return list(out.values())
-
-    def _timed(self, h: Hypothesis, c: Candidate, reach: float | None = None) -> Candidate:
-        """The candidate with its beginning found to a tenth of `reach` (s), or of the grid's distances."""
-        if reach is None:
-            times = sorted(
-                {t.shape["onset_s"] for t in self.candidates if "onset_s" in t.shape and t.effect is c.effect}
-            )
-            reach = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-        for _ in range(2):
-            times = [c.shape["onset_s"] + reach * x for x in np.linspace(-1.0, 1.0, 11)]
-            low, high = c.effect.free(self.channels.frame, c.shape)["onset_s"]
-            shapes = [{**c.shape, "onset_s": float(np.clip(t, low, high))} for t in times]
-            tried = [self._candidate(c.effect, shape) for shape in shapes]
-            gains = self._gains(h, Stack([(t.white, t.deviation) for t in tried]))
-            c = tried[int(np.argmax(gains))]
-            reach *= 0.2
-        return c
-
-    def _beginnings(self, effect: Tracing[Any], form: Shape) -> tuple[list[Candidate], Stack]:
-        """One form of an effect from any moment of the log on."""
-        key = (effect.name, tuple(sorted(form.items())))
-        if key not in self._sharp:
-            low, high = effect.free(self.channels.frame, {**form, "onset_s": 0.0})["onset_s"]
-            count = int(np.clip(np.ceil((high - low) / SHARP_S), 1, MOST_TIMES))
-            tried = [
-                self._candidate(effect, {**form, "onset_s": float(t)})
-                for t in np.linspace(low, high, count + 2)[1:-1]
-            ]
-            self._sharp[key] = tried, Stack([(t.white, t.deviation) for t in tried])
-        return self._sharp[key]
-
-    def _candidate(self, effect: Tracing[Any], shape: Shape) -> Candidate:
-        ch = self.channels
-        columns = ch.reduce(effect.columns(ch.frame, shape))
-        return Candidate(effect, shape, self.scorer.colour.whiten(columns), ch.usual(columns))
 
     def screened_forms(self, h: Hypothesis) -> list[str]:
         """The most promising free forms beside a hypothesis."""
@@ -290,11 +263,6 @@ class Search:
     def _gains(self, h: Hypothesis, stack: Stack) -> list[float]:
         """Log evidence that each piece of a stack would add beside a hypothesis."""
         return stack.gains(h, self.scorer.colour.whiten(h.left))
-
-
-def _form_numbers(shape: Shape) -> dict[str, float]:
-    """A shape without when it began and how long that took, nor what moves with it."""
-    return {k: v for k, v in shape.items() if k not in COMES}
 
 
 def candidates(scorer: Scorer) -> list[Candidate]:

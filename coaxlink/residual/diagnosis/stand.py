@@ -20,8 +20,10 @@ from coaxlink.residual.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
-# of a nuisance model fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
-ORDERS: Orders = ((4,), (4,))
+# of a nuisance model fitted to the log itself: the coaxial rotor model's (Berra et al. 2024). What it misses
+# is a Gaussian process, not terms of higher orders: those take a blade's law or a dead band, and hold
+# nothing back
+ORDERS: Orders = ((2,), (2,))
 WIDE = 3.0  # of the reference load: prior of the terms of such a nuisance, so wide that it holds nothing back
 # of a longer log, one stretch of rows in so many is searched (judgement: seconds of a search)
 MANY_ROWS, STRETCH = 1500, 64
@@ -31,6 +33,12 @@ RESOLUTION = 2e-4  # of the reference load: 1 in 5000 divisions of a cell of cla
 MAP_SIZE, MAP_LENGTH = 0.02, 0.35
 GIVEN_MAP_SIZE = 0.01  # of a given model, beside its level and tilt
 DRIVE_MAP_SIZE = 0.01
+# and how far a pair's loads bend away from second-order polynomials over all speeds (Reynolds number and the
+# tips' Mach number: 5 % of a load from a fifth of the speed to all of it)
+BEND_SIZE, BEND_LENGTH = 0.05, 0.7
+# the same of another pair, which a name is held against: blades below a Reynolds number of 1e5 (Deters,
+# Ananda and Selig 2014) change their loads by a tenth within a quarter of the speed
+BENT_SIZE, BENT_LENGTH = 0.1, 0.25
 # what the wake makes of a lower rotor, over the ratio of both speeds: correlation length; size over the load
 # and how slowly it changes with both speeds at one ratio (Reynolds number), in ranges. Blade-element pairs of
 # two makers against polynomials of fourth order: lower torque off by 1 to 11 % rms, bending within a tenth of
@@ -51,7 +59,7 @@ def stand_channels(
     samples: Samples, model: RotorModel | None, trusted: np.ndarray | None = None, most: int = MANY_ROWS
 ) -> Channels:
     """Channels of a stand log. Raises InputError as `stand_frame` does."""
-    bare = calmed(stand_frame(samples, model, ORDERS if model is None else ANY, None, trusted))
+    bare = calmed(stand_frame(samples, model, ORDERS if model is None else ANY, trusted))
     known, notes = known_parts(bare)
     if len(bare.keep) > most:  # stretches whole: noise has neighbours, and what lags sees every row
         share = -(-len(bare.keep) // most)
@@ -61,7 +69,6 @@ def stand_channels(
     reference = frame.reference[present]
     names = tuple(STAND_CHANNELS[c] for c in present)
     able, unable = possible(frame, [of_what_is_logged(frame, e) for e in stand_effects()])
-    able = [e for e in able if not e.flagged]
     weights = np.abs(reduce(frame.predicted))
     mapped = np.hypot(weights, reduce(_wake(frame)))
     u = frame.speeds[keep]
@@ -70,7 +77,9 @@ def stand_channels(
         k: (drive[:, c - 4], drive[:, 5 - c]) if c > 3 else (u[:, c // 2], u[:, 1 - c // 2])
         for k, c in enumerate(present)
     }
-    variables = {n: v for n, v in stand_variables(frame).items() if np.ptp(v) > 0}
+    # a current or a power follows the load that it turns: it is the cause of none
+    logged = {n: v for n, v in stand_variables(frame).items() if not n.endswith(("_A", "_W"))}
+    variables = {n: v for n, v in logged.items() if np.ptp(v) > 0}
     target = reduce(frame.measured - frame.predicted)
     return Channels(
         frame=frame,
@@ -88,6 +97,7 @@ def stand_channels(
         nuisance=tuple(_nuisance(frame, reduce, reference)),
         surface=tuple(_surface(frame, present, mapped, u, drive)),
         maps=_maps(frame, present, mapped, u),
+        bent=partial(bent_maps, frame, present, mapped, u) if frame.free_nuisance else tuple,
         forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
         effects=tuple(able),
         reduce=reduce,
@@ -114,8 +124,6 @@ def _blocks(frame: StandFrame) -> np.ndarray:
 def _nuisance(frame: StandFrame, reduce: Callable[[Array], Array], reference: Array) -> list[Block]:
     out = []
     for name, bound, columns in base_corrections(frame):
-        if " level " in name or " surface " in name:
-            continue
         x = reduce(columns)[..., None]
         if np.isfinite(bound):
             deviation = abs(bound) / 2.0
@@ -155,6 +163,10 @@ def _surface(
             process = products(process, waves(other, MAP_LENGTH))
         process = process[0], process[1] * size
         weight = weights[:, k]
+        if frame.free_nuisance and c < 4:
+            slow = waves(own, BEND_LENGTH)
+            bend = slow[0], slow[1] * BEND_SIZE
+            out.append(in_channel(f"{STAND_CHANNELS[c]} bend", bend, weight, k, len(present)))
         out.append(in_channel(f"{STAND_CHANNELS[c]} map", process, weight, k, len(present)))
     return out
 
@@ -162,26 +174,46 @@ def _surface(
 def _maps(
     frame: StandFrame, present: Sequence[int], weights: Array, u: Array
 ) -> dict[str, Callable[[], tuple[Block, ...]]]:
-    """Discrepancies of the map that a log may ask for beside the smooth one: of lower loads over the ratio.
+    """Discrepancies of the map that a log may ask for beside the smooth one, by name.
 
-    Blades of one pair in one air see the same angles at the same ratio (similarity, Leishman 2006, ch. 2).
+    Of lower loads over the ratio: blades of one pair in one air see the same angles at the same ratio
+    (similarity, Leishman 2006, ch. 2). Of a nuisance fitted to the log also over a rotor's own speed.
     """
     lower = [(k, c) for k, c in enumerate(present) if c in (2, 3)]
-    if not lower or min(np.ptp(u, axis=0)) <= 0.0:
-        return {}
+    ratios: list[tuple[float, ...]] = [()]
+    if lower and min(np.ptp(u, axis=0)) > 0.0:
+        ratios += [(length, size, slow) for length in RATIO_LENGTHS for size, slow in RATIO_SIZES]
 
-    def blocks(length: float, size: float, slow: float) -> tuple[Block, ...]:
-        over = _over_ratio(u, length, size, slow)
-        return tuple(
-            in_channel(f"{STAND_CHANNELS[c]} ratio map", over, weights[:, k], k, len(present))
-            for k, c in lower
-        )
+    def blocks(ratio: tuple[float, ...], bent: bool) -> tuple[Block, ...]:
+        out = bent_maps(frame, present, weights, u) if bent else ()
+        if not ratio:
+            return out
+        over, count = _over_ratio(u, *ratio), len(present)
+        name = "{} ratio map"
+        own = (in_channel(name.format(STAND_CHANNELS[c]), over, weights[:, k], k, count) for k, c in lower)
+        return (*out, *own)
 
     return {
-        f"ratio|{length}|{size}|{slow}": partial(blocks, length, size, slow)
-        for length in RATIO_LENGTHS
-        for size, slow in RATIO_SIZES
+        "|".join([*(("ratio", *map(str, ratio)) if ratio else ()), *(["bent"] if bent else [])]): partial(
+            blocks, ratio, bent
+        )
+        for ratio in ratios
+        for bent in ([False, True] if frame.free_nuisance else [False])
+        if ratio or bent
     }
+
+
+def bent_maps(frame: StandFrame, present: Sequence[int], weights: Array, u: Array) -> tuple[Block, ...]:
+    """Over a rotor's own speed, how a pair's map may bend: what names are held against where no model is
+    given.
+    """
+    out = []
+    for k, c in enumerate(present):
+        if c < 4 and np.ptp(u[:, c // 2]) > 0.0:
+            f, d = waves(u[:, c // 2], BENT_LENGTH)
+            name = f"{STAND_CHANNELS[c]} bent map"
+            out.append(in_channel(name, (f, d * BENT_SIZE), weights[:, k], k, len(present)))
+    return tuple(out)
 
 
 def _over_ratio(u: Array, length: float, size: float, slow: float) -> tuple[Array, Array]:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.coloured_noise import Colours
-from coaxlink.residual.regression.gates import autocorrelation_time
 
 Array = NDArray[np.float64]
 COMBINED = (16, 32)

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import held_out_sum, least_of, solve
-from coaxlink.residual.regression.gates import autocorrelation_time
 from coaxlink.residual.regression.problem import Index, Option, Problem, from_design
 
 Part = tuple[Tracing[Any], Mapping[str, float]]
@@ -180,37 +180,6 @@ class Fitter:
             [self._nuisance, np.stack(columns, axis=-1).astype(self._nuisance.dtype)], axis=-1
         )
         return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
-
-    def beside(self, joint: Joint) -> Problem:
-        """The problem about the joint point, its members first, every other effect's options beside them.
-
-        What an option adds is taken through the members (what draws thrust off changes the load that friction
-        holds), by a secant of one per cent of the reference load.
-        """
-        p, q, here = self.problem, joint.problem, self.prediction(joint.members)
-        names = {m.name for m in joint.members}
-        columns, options, at = [], list(q.options), q.design.shape[-1]
-        direct = p.residual.size > SHORT
-        for o in p.options:
-            if o.name in names:
-                continue
-            mine = p.design[:, :, o.columns] if direct else self._through(o, joint, here)
-            columns.append(mine.astype(q.design.dtype))
-            options.append(replace(o, columns=np.arange(at, at + len(o.columns))))
-            at += len(o.columns)
-        design = np.concatenate([q.design, *columns], axis=-1)
-        return from_design(p, design, q.residual, options, frame=self.bare)
-
-    def _through(self, o: Option, joint: Joint, here: Array) -> Array:
-        p = self.problem
-        out = np.zeros((*p.residual.shape, len(o.columns)))
-        for k in range(len(o.columns)):
-            worth = np.quantile(np.abs(p.design[:, :, o.columns[k]]) * p.sigma / p.reference, 0.98, axis=0)
-            point = np.zeros(len(o.columns))
-            point[k] = 0.01 / max(float(worth.max()), 1e-12)
-            parts = [*joint.members, Member(o.effect, o.shape, point, ())]
-            out[:, :, k] = self.reduce(self.prediction(parts) - here) / (p.sigma * point[k])
-        return out
 
     def _step(self, m: Member, j: int) -> float:
         count = len(m.coefficients)

@@ -63,11 +63,6 @@ class Problem:
     nuisance_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
-    noise_known: bool = False  # `sigma` is the noise of a row: what is left can be held against it
-    fitted_nuisance: bool = (
-        False  # the nuisance model was fitted to this log: it may follow one channel worse
-    )
-    clusters: Index | None = None  # (rows, C) numbers of what a fitted nuisance model misses together
     clear_size: float = 0.005  # of the reference: how small an effect may be that clearly explains a channel
 
 

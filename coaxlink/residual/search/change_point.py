@@ -15,8 +15,8 @@ import numpy as np
 
 from coaxlink.effects.onset import MARGIN_S
 from coaxlink.effects.tracing import Array, Shape
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import accumulate
-from coaxlink.residual.regression.gates import autocorrelation_time
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.search.trial import columns_of
 

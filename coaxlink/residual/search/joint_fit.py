@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from coaxlink.residual.result import Step
 from coaxlink.residual.search.select import Selection
 from coaxlink.residual.search.trial import columns_of
 
-LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
+LONG = 200_000  # judged rows times channels: beyond, other forms are not tried
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
 
 
@@ -42,16 +42,14 @@ def fit_jointly(
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
-    settled: Mapping[str, Member] | None = None,
     *,
-    nuisance: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
+    nuisance: Callable[[Any, Callable[[Array], Array]], Array],
     all_of: bool = False,
 ) -> tuple[Joint, Any]:
     """Members and doubtful ones fitted jointly, and the frame with them acting.
 
-    `settled` are members as an earlier fit left them: they start from there. `base(frame, reduce)` gives the
-    nuisance corrections of a frame, (rows, C, B): with effects in it they are others than without. `all_of`:
-    none is dropped for being needless.
+    `nuisance(frame, reduce)` gives the nuisance corrections of a frame, (rows, C, B): with effects in it they
+    are others than without. `all_of`: none is dropped for being needless.
     """
     options = [*selection.members, *selection.doubtful]
     names = {o.name for o in options}
@@ -60,16 +58,10 @@ def fit_jointly(
     fitter = fitter_of(problem, bare, known, names, reduce)
     plain = straight(problem, of_grid(problem, options))
     if not options:
-        if nuisance is not None:
-            plain = straight(settled_nuisance(problem), [])
-        return plain, fitter.acting([])
+        return straight(settled_nuisance(problem), []), fitter.acting([])
     start: list[Member] = []
-    exact: Joint | None = None
     needless: list[Step] = []
     for o, m in zip(options, plain.members, strict=True):
-        if settled and o.name in settled:
-            start.append(settled[o.name])
-            continue
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
 
@@ -77,30 +69,21 @@ def fit_jointly(
         return not any(m.effect.refuse(m.parameters(bare)) for m in j.members)
 
     try:
-        long = LONG_STAND if problem.noise_known else LONG
-        joint = fit(fitter, start, alternatives=problem.residual.size < long)
-        if nuisance is not None:
-            if problem.residual.size < LONG and not (all_of or selection.doubtful or names & set(had)):
-                joint = needed(fitter, joint)
-                needless = _dropped(selection.members, joint)
-            columns = nuisance(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
-            again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
-            joint = again if squares_of(again.problem) < squares_of(joint.problem) else joint
-            exact = reweighted_fit(
-                joint,
-                problem,
-                bare,
-                fitter.fixed,
-                reduce,
-                nuisance,
-                alternatives=problem.residual.size < LONG,
-            )
+        joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+        if problem.residual.size < LONG and not (all_of or selection.doubtful or names & set(had)):
+            joint = needed(fitter, joint)
+            needless = _dropped(selection.members, joint)
+        columns = nuisance(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
+        again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
+        joint = again if squares_of(again.problem) < squares_of(joint.problem) else joint
+        rest = (problem, bare, fitter.fixed, reduce, nuisance)
+        exact = reweighted_fit(joint, *rest, alternatives=problem.residual.size < LONG)
     except np.linalg.LinAlgError:  # numbers that no column tells apart
         return plain, fitter.acting(plain.members)
     # a fit that went astray may still have led the one weighed by what channels are left with to a good end
-    better = exact is not None and allowed(exact) and _leaves(exact) < _leaves(plain)
+    better = allowed(exact) and _leaves(exact) < _leaves(plain)
     sound = allowed(joint) and squares_of(joint.problem) < WORSE * max(squares_of(plain.problem), 1e-12)
-    if exact is not None and allowed(exact) and (sound or better or names & set(had)):
+    if allowed(exact) and (sound or better or names & set(had)):
         joint = exact
     elif not (sound or names & set(had)):
         joint = plain

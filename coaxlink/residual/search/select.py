@@ -8,7 +8,6 @@ parameters are physical. After every addition each member may be dropped or swap
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +19,6 @@ from coaxlink.residual.result import Ambiguous, Step, probabilities
 from coaxlink.residual.search.trial import Judge, Trial
 
 MOST = 4
-HIDDEN = 2  # trials that are asked whether another hides them
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
 # where even the best leaves more than noise, its form is not exact and a likelihood says less: then a rival
@@ -44,32 +42,16 @@ class Selection:
     problem: Problem | None = None  # whose options all these are
 
 
-def select(
-    problem: Problem,
-    start: Sequence[Option] = (),
-    *,
-    barred: Collection[str] = (),
-    on_trial: bool = False,
-) -> Selection:
-    """Choose effects for a problem, from those in `start` on; see the module's text.
-
-    `barred` names are not added. `on_trial`: what the data demand, though its shape is not yet good enough to
-    pass every gate, is let in, for a joint fit to find its shape and a later call to judge it by all gates.
-    """
-    judge, out = Judge(problem), Selection(members=list(start), problem=problem)
-    _drop_needless(judge, out, 0)
-    dropped = {m.name for m in start} - {m.name for m in out.members}
-    untried: set[str] = set()
+def select(problem: Problem) -> Selection:
+    """Choose effects for a problem; see the module's text."""
+    judge, out = Judge(problem), Selection(problem=problem)
     for number in range(1, MOST + 1):
         if len(out.members) >= MOST:
             break
-        out_of_play = {*barred, *dropped, *(WITHIN.get(m.name, "") for m in out.members)}
+        out_of_play = {WITHIN.get(m.name, "") for m in out.members}
         trials = [t for t in judge.best_of_each(out.members) if t.option.name not in out_of_play]
         good = _eligible(trials)
-        if not good and on_trial:
-            good = [t for t in trials if t.promising][:1]
-            untried |= {t.option.name for t in good}
-        winner = _simplest(good) if good else _with_another(judge, out, trials, out_of_play)
+        winner = _simplest(good) if good else None
         for t in trials:
             kept = winner is not None and t is winner
             why = "best on held-out blocks" if kept else (t.why_not or "another explains more")
@@ -79,7 +61,7 @@ def select(
             break
         _note_tie(judge, out, winner, good)
         out.members.append(winner.option)
-        _reconsider(judge, out, number, untried, barred)
+        _reconsider(judge, out, number)
     out.last = {t.option.name: t for t in judge.best_of_each(out.members)}
     doubtful = {name for a in out.ambiguous for name in a.names}
     out.doubtful = [m for m in out.members if m.name in doubtful]
@@ -109,17 +91,6 @@ def _special_case(a: Trial, b: Trial) -> bool:
     return (a.option.name, b.option.name) in NESTED and "over_s" not in a.option.shape
 
 
-def _with_another(judge: Judge, out: Selection, trials: list[Trial], barred: Collection[str]) -> Trial | None:
-    """A trial hidden by what another leaves over whole blocks, and that stands beside that other."""
-    for t in [t for t in trials if t.hidden][:HIDDEN]:
-        both = [*out.members, t.option]
-        beside = [s for s in judge.best_of_each(both) if s.option.name not in barred]
-        for s in _eligible(beside)[:1]:
-            if judge.trial([*out.members, s.option], t.option).why_not is None:
-                return t
-    return None
-
-
 def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) -> None:
     """Rivals that explain as much on the same blocks, and nothing more once the winner is in."""
     best = judge.sums([*out.members, winner.option])
@@ -147,16 +118,14 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
         out.ambiguous.append(Ambiguous((winner.option.name, *behind), "", probability=shares))
 
 
-def _reconsider(
-    judge: Judge, out: Selection, number: int, untried: Collection[str], barred: Collection[str]
-) -> None:
+def _reconsider(judge: Judge, out: Selection, number: int) -> None:
     """Swap members for better ones, then drop what the others made needless."""
     if len(out.members) < 2:
         return
     for i in range(len(out.members)):
         rest = [m for k, m in enumerate(out.members) if k != i]
         now = float(judge.sums(out.members).sum())
-        trials = _eligible([t for t in judge.best_of_each(rest) if t.option.name not in barred])
+        trials = _eligible(judge.best_of_each(rest))
         if not trials:
             continue
         best = _simplest(trials)
@@ -177,11 +146,11 @@ def _reconsider(
                 )
             )
             out.members = [*rest, best.option]
-    _drop_needless(judge, out, number, untried)
+    _drop_needless(judge, out, number)
 
 
-def _drop_needless(judge: Judge, out: Selection, number: int, untried: Collection[str] = ()) -> None:
-    for member in [m for m in out.members if m.name not in untried]:
+def _drop_needless(judge: Judge, out: Selection, number: int) -> None:
+    for member in list(out.members):
         rest = [m for m in out.members if m is not member]
         if not rest:
             break

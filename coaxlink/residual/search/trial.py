@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_test
 
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import held_out, solve, squares
-from coaxlink.residual.regression.gates import (
-    FEW_LEVELS,
-    GAIN,
-    alone,
-    autocorrelation_time,
-    carried_by_few,
-    witnesses,
-)
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.regression.schur_complement import SchurComplement
 
@@ -28,10 +21,7 @@ Index = NDArray[np.intp]
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the nuisance model cannot absorb
 CLEAR = 0.6  # of the squared error of a channel: what explains that much of what is left may be smaller
-# an effect of which the nuisance corrections take back most is believed by what is left of it, if only noise
-# remains then: nothing else that is wrong would leave that
-EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN, EXACT_WORTH = 1e-9, 1.2, 0.001, 0.03, 0.01
-FAR, MOST_OF_IT = 25.0, 0.4  # variances of the noise left, share of the squared error taken away
+GAIN = 0.15  # of the squared error of the channel that gains most
 ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 # of what a member adds to a load: its form may err by that much, so less beside it is no effect
 FORM = 0.05
@@ -49,8 +39,6 @@ class Trial:
     size: float
     refused: str | None
     total: float  # held-out square sum left
-    worth: float  # as size, with what the nuisance model corrections took back
-    left: float  # variance that is left over the noise's, of the worst channel that it changes
     least: float = SIZE  # size that counts
 
     @property
@@ -59,38 +47,16 @@ class Trial:
         return self.gain > 0 and self.p_value <= ALPHA and self.refused is None
 
     @property
-    def exact(self) -> bool:
-        """Whether it is beyond doubt and leaves a load nothing but noise, or little of what it had."""
-        sure = self.p_value < EXACT_ALPHA and self.worth > EXACT_WORTH and self.size > EXACT_SIZE
-        return sure and ((self.left < EXACT_LEFT and self.share > EXACT_GAIN) or self.share > CLEAR)
-
-    @property
-    def promising(self) -> bool:
-        """Whether it could stand once its shape is right."""
-        return self.real and self.p_value < 1e-6 and self.size > 0.5 * SIZE and self.share > 0.3 * GAIN
-
-    @property
-    def hidden(self) -> bool:
-        """Whether it would stand but for what errs together over whole blocks, which another may be."""
-        sure = self.gain > 0 and self.p_value < 1e-6 and self.size > SIZE and self.share > GAIN
-        return sure and self.refused == FEW_LEVELS
-
-    @property
     def why_not(self) -> str | None:
         """The first gate it fails, or None."""
         if self.gain <= 0:
             return "no better on held-out blocks"
         if self.p_value > ALPHA:
             return f"within noise (p = {self.p_value:.2g} over all looks)"
-        if self.exact:
-            return self.refused
         if self.size < self.least:
             return (
                 f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
             )
-        if self.left > FAR and self.share < MOST_OF_IT:
-            over = np.sqrt(self.left)
-            return f"leaves {over:.0f} times the noise: this takes too little of it to be its cause"
         if self.share < GAIN:
             return f"lowers no channel's held-out squared error by more than {100 * self.share:.1f} %"
         return self.refused
@@ -165,20 +131,8 @@ class Judge:
         total = float(after.sum())
         named = option.numbers(p.frame, full[option.columns])
         refused = option.effect.refuse(named)
-        if option.effect.flagged and refused is None:
-            refused = witnesses(p.channels, shares)
         if refused is None and share < BEYOND_FORM:
             refused = self._within_form(members, full, mine)
-        if p.fitted_nuisance and refused is None:
-            touched = np.any(self._design[:, :, option.columns] != 0.0, axis=(0, 2))
-            refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation), touched)
-        if p.clusters is not None and refused is None:
-            refused = carried_by_few(change, left, variance, p.clusters[self._rows])
-        remains = 0.0
-        if p.noise_known:
-            remains = (
-                float(np.max(variance, where=shares > 0.3 * share, initial=0.0)) if share > 0 else np.inf
-            )
         return Trial(
             option,
             gain if total < before.sum() else -1.0,
@@ -187,8 +141,6 @@ class Judge:
             size,
             refused,
             total,
-            float(mine.max()) if p.noise_known else 0.0,
-            remains,
             p.clear_size if share > CLEAR else SIZE,
         )
 

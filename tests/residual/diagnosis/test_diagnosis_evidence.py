@@ -95,14 +95,17 @@ def test_a_product_of_processes_has_the_product_of_their_covariances():
     assert np.max(np.abs(both - one * two)) < 0.02
 
 
-def test_behind_a_gap_noise_with_colour_is_of_its_own_size():
+def test_a_wander_beside_white_noise_is_foretold_and_a_trend_is_none():
     random = np.random.default_rng(5)
-    rows, run = 6000, 30
-    rings = lfilter([1.0], [1.0, -0.8], random.normal(size=(rows // run, run + 50)), axis=1)[:, 50:].ravel()
-    behind = np.arange(rows) % run
-    colour = colour_of(rings[:, None], behind)
-    left = colour.whiten(rings[:, None])[:, 0]
-    assert np.std(left[behind == 0]) == pytest.approx(1.0, abs=0.15)
-    assert np.std(left[behind > 8]) == pytest.approx(1.0, abs=0.05)
-    # its density: that of the first row's own deviation, 1 / 0.6, in every run
-    assert colour.log_scale == pytest.approx(rows / run * np.log(0.6), rel=0.1)
+    rows = 3000
+    wander = lfilter([0.1], [1.0, -0.99], random.normal(size=rows))
+    colour = colour_of((wander + random.normal(size=rows))[:, None])
+    (found,) = colour.wander
+    assert found is not None
+    left = colour.whiten((wander + random.normal(size=rows))[:, None])[200:, 0]
+    power = np.abs(np.fft.rfft(left - left.mean())) ** 2
+    assert np.mean(power[1:30]) < 2.0 * np.mean(power[300:])
+    trend = np.linspace(-5.0, 5.0, rows)
+    kept = colour.whiten(trend[:, None])[500:, 0]
+    assert np.ptp(kept) > 0.0  # what a noise that forgets foretells of a trend leaves the trend's slope
+    assert colour_of(random.normal(size=(rows, 1))).size == 0

@@ -8,11 +8,12 @@ from residual_rig import steady_loads
 from residual_stand_logs import log_of, model, ramps
 
 from coaxlink.effects.hysteresis import STAND as HYSTERESIS
-from coaxlink.residual.channels.stand import stand_frame
-from coaxlink.residual.channels.stand_problem import reducing, stand_problem
-from coaxlink.residual.checks.residual_check import minor
+from coaxlink.frames import STAND_CHANNELS
+from coaxlink.residual.channels.stand import base_corrections, stand_frame
+from coaxlink.residual.channels.stand_problem import reducing
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import Fitter, member
+from coaxlink.residual.regression.problem import build
 
 NOISE = np.array([0.3, 0.006, 0.3, 0.006])
 WORN = {"both": 1.0, "reach": 0.1, "spread": 1.8}
@@ -25,7 +26,14 @@ def worn_in(size, strange):
     way = np.sign(np.gradient(a))
     loads[0] += strange * np.sin(0.7 * loads[0]) - 0.5 * size * loads[0] * way
     frame = stand_frame(log_of(t, a, b, loads), model())
-    return frame, stand_problem(frame, [HYSTERESIS])
+    reduce, names = reducing(frame), [STAND_CHANNELS[c] for c in frame.present]
+    problem = build(
+        frame=frame, channels=names, units=["1"] * len(names), reference=frame.reference[list(frame.present)],
+        residual=reduce(frame.measured - frame.predicted), sigma=NOISE,
+        corrections=[(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)],
+        effects=[HYSTERESIS], reduce=reduce, block=np.arange(len(frame.keep)) // 60,
+    )  # fmt: skip
+    return frame, problem
 
 
 @pytest.mark.parametrize("shape", [WORN, {**WORN, "fading": 0.4}, {"both": 1.0}])
@@ -36,13 +44,3 @@ def test_without_a_members_columns_the_problem_is_the_one_before_it(shape):
     assert len(joint.problem.options[0].columns) == 2 + len({"reach", "spread", "fading"} & set(shape))
     assert channel_errors(joint.problem, []) == pytest.approx(channel_errors(problem, []), rel=1e-6)
     assert channel_errors(joint.problem, joint.problem.options)[0] < 0.95 * channel_errors(problem, [])[0]
-
-
-@pytest.mark.parametrize(("size", "strange", "gone"), [(0.03, 0.0, False), (0.03, 0.7, True)])
-def test_an_effect_that_leaves_most_of_what_is_there_goes(size, strange, gone):
-    frame, problem = worn_in(size, strange)
-    fitter = Fitter(problem, frame, (), reducing(frame))
-    joint, _ = fitter.settle([member(frame, HYSTERESIS, WORN, np.array([0.01, 0.01]))])
-    over = channel_errors(joint.problem, joint.problem.options)[0] / NOISE[0]
-    assert (1.2 < over < 3.0) == gone
-    assert (minor(joint, NOISE[: len(joint.problem.channels)]) == {"hysteresis"}) == gone

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -40,16 +38,6 @@ def noise():
 
 def names(selection):
     return [m.name for m in selection.members]
-
-
-@pytest.mark.parametrize("fitted_nuisance", [False, True])
-@pytest.mark.parametrize("second", [1.0, 0.0])
-def test_beside_a_fitted_nuisance_the_other_loads_must_bear_an_effect_out(noise, fitted_nuisance, second):
-    wave = np.sin(np.arange(ROWS) / 7.0)[:, None, None]
-    both = effect("both", wave * np.array([4.0, 0.6])[:, None])
-    residual = noise + wave[:, :, 0] * np.array([4.0, 0.6 * second])
-    said = names(select(replace(problem(residual, both), fitted_nuisance=fitted_nuisance)))
-    assert said == ([] if fitted_nuisance and not second else ["both"])
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.03, ["big"]), (0.3, ["big", "small"])])

@@ -1,0 +1,131 @@
+"""The decision: which names are claimed, which stay ambiguous, whether anything is there at all.
+
+Probabilities are those of logistic models of a candidate's `features`, trained on logs of many authors whose
+truth is known; a name is claimed from the level on at which, with every author left out in turn, at most one
+log in a hundred of the worst author gets a name that is not there (class-conditional conformal prediction:
+Vovk et al. 2005, Sadinle et al. 2019). "Nothing to mend" is a claim too, with a level of its own.
+`calibration.toml` holds the coefficients; `python research/tracing.py SET... --train` writes it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.features import Candidate, Features
+from coaxlink.residual.diagnosis.posterior import Posterior
+
+LIMIT = 3000.0  # of a number, before its logarithm is taken
+
+
+@dataclass(frozen=True)
+class Group:
+    """Names of which one is there, and the log does not say which."""
+
+    names: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What may be said of a log, with the probability of each."""
+
+    claimed: Mapping[str, float]
+    groups: tuple[Group, ...]
+    withheld: Mapping[str, float]  # of names of the leading set
+    opened: float  # that something is there beyond what is claimed
+    weighed: tuple[Mapping[str, Any], ...] = ()  # candidates with the numbers they were judged by
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is said that something is there beyond what is claimed."""
+        return self.opened >= calibration()["level"]["open"]
+
+    @property
+    def grouped(self) -> frozenset[str]:
+        """Names of all groups."""
+        return frozenset(n for g in self.groups for n in g.names)
+
+
+NOTHING = Decision({}, (), {}, 0.0)
+
+
+def decided(ch: Channels, found: Posterior) -> Decision:
+    """Of a log's posterior."""
+    features, level = Features(ch, found), calibration()["level"]
+    claimed: dict[str, float] = {}
+    withheld: dict[str, float] = {}
+    groups: list[Group] = []
+    weighed: list[Mapping[str, Any]] = []
+
+    def probable(candidate: Candidate) -> float:
+        p = probability("name", terms_of(candidate))
+        weighed.append({"names": list(candidate.names), "probability": p, "numbers": candidate.numbers})
+        return p
+
+    for name in sorted(found.best.effects):
+        alone, rivals = probable(features.candidate(name)), features.rivals(name)
+        together = probable(features.candidate(name, rivals)) if rivals else 0.0
+        if alone >= level["name"]:
+            claimed[name] = alone
+        elif together >= level["group"]:
+            groups.append(Group((name, *rivals), together))
+        else:
+            withheld[name] = alone
+    said = {*claimed, *(n for g in groups for n in g.names)}
+    opened = 0.0
+    for names in dict.fromkeys([(), tuple(sorted(said))]):
+        numbers = features.opened(names)
+        opened = probability("open", opened_terms(numbers))
+        weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
+    return Decision(claimed, tuple(groups), withheld, opened, tuple(weighed))
+
+
+@cache
+def calibration() -> dict[str, Any]:
+    """Levels, and of each model the intercept and the weights of its terms."""
+    text = resources.files("coaxlink.residual.diagnosis").joinpath("calibration.toml").read_text()
+    return tomllib.loads(text)
+
+
+def probability(model: str, terms: Mapping[str, float]) -> float:
+    """That a candidate is there, of its terms."""
+    weights = calibration()[model]
+    total = weights["intercept"] + sum(weights["weights"][k] * v for k, v in terms.items())
+    return float(1.0 / (1.0 + np.exp(-np.clip(total, -30.0, 30.0))))
+
+
+def terms_of(candidate: Candidate) -> dict[str, float]:
+    """The numbers of a candidate as the logistic model takes them."""
+    numbers = dict(candidate.numbers)
+    for way in ("raw", "tempered", "own"):
+        numbers[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
+    numbers["weakest"] = min(
+        *(numbers[f"weakest_{w}"] for w in ("raw", "tempered", "own")), numbers["freed"], numbers["bent"]
+    )
+    out = {name: _scaled(name, value) for name, value in numbers.items()}
+    out["sensor_drift"] = float("sensor_drift" in candidate.names)
+    out["group"] = float(len(candidate.names) > 1)
+    return out
+
+
+def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The numbers of what is left open as the logistic model takes them."""
+    return {name: _scaled(name, value) for name, value in numbers.items()}
+
+
+PLAIN = ("agree", "at_bound", "beside", "size_noise")
+
+
+def _scaled(name: str, value: float) -> float:
+    """Nats and standard errors by their logarithm: the twentieth tells more than the thousandth."""
+    if name in PLAIN:
+        return float(np.clip(value, -10.0, 10.0))
+    return float(np.sign(value) * np.log1p(min(abs(value), LIMIT)))

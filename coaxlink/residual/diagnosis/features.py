@@ -1,0 +1,226 @@
+"""What the decision is made from: of every candidate, how far the log bears it out, in numbers.
+
+A candidate is a name of the leading set, or a group of names that could each be in one place. Nats are
+differences of log evidence between sets of explanations: against nothing in the candidate's place, against
+free forms in it, against any other name. Each is taken as it is, tempered (`posterior`), and with the noise
+of either set having a colour of its own, so that what moves slowly has to be more than a cell's wander.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from coaxlink.frames import Array
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
+from coaxlink.residual.diagnosis.posterior import Posterior, density_by_block
+from coaxlink.residual.regression.joint_model import composed
+
+WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
+MOST = 3000.0  # nats: where no set of a kind was worth a visit
+NEAR = 12.5  # nats: five standard errors; what is further behind is no rival in a group
+SAME_TIME_PROFILE = 0.99  # correlation, judgement: of two columns that no log of this length tells apart
+FREED = ("0.15", "0.04")  # length and size of the free curves that the other causes get
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A name of the leading set or a group of one, and the numbers that it is judged by."""
+
+    names: tuple[str, ...]
+    numbers: dict[str, float]
+
+
+class Features:
+    """Of one log's posterior."""
+
+    def __init__(self, ch: Channels, found: Posterior) -> None:
+        self.ch, self.found, self.lead = ch, found, found.best
+        self.white = Scorer(ch, self.lead.colour)
+        self._own: dict[int, float] = {}
+
+    def candidate(self, name: str, group: Collection[str] = ()) -> Candidate:
+        """A name of the leading set, alone or with others that could be in its place."""
+        lead, ch = self.lead, self.ch
+        names = {name, *group}
+        others = lead.effects - {name}
+        mine = {f for f in ch.forms if own_cause(ch, lead, name, f)}
+        without = [h for h in self.found.sets if not h.effects & names]
+        nothing = [h for h in without if h.effects <= others and h.names <= lead.names]
+        free = [h for h in without if h.effects <= others]
+        numbers: dict[str, float] = {}
+        for kind, sets in (
+            ("nothing", nothing),
+            ("free", [h for h in free if not (set(h.forms) - set(lead.forms)) & mine]),
+            ("rival", [h for h in without if not h.effects <= others]),
+        ):
+            numbers |= self._nats(kind, sets)
+        rms = np.std(self.added[name], axis=0)
+        c = int(np.argmax(rms / ch.reference))
+        beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
+        base = max(nothing, key=lambda h: h.score, default=None)
+        numbers["size_noise"] = float(np.log(max(rms[c] / float(lead.fit.noise[c]), 1e-6)))
+        numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
+        numbers["steady"], numbers["agree"] = self._steady(base)
+        numbers["freed"] = self._freed(name) if others else MOST
+        numbers["bent"] = self._bent(name)
+        numbers["at_bound"] = self._at_bound(name)
+        return Candidate((name, *(n for n in group if n != name)), numbers)
+
+    def rivals(self, name: str) -> list[str]:
+        """Other names that could be in a name's place, the strongest first."""
+        others = self.lead.effects - {name}
+        out: dict[str, float] = {}
+        for h in self.found.sets:
+            new = h.effects - self.lead.effects
+            if self.lead.effects - h.effects == {name} and len(new) == 1:
+                behind = min(self.tempered(h), self.lead.score - h.score)
+                if behind < NEAR:
+                    other = next(iter(new))
+                    out[other] = min(behind, out.get(other, np.inf))
+        return sorted(set(out) - others, key=lambda n: out[n])
+
+    def opened(self, claimed: Collection[str]) -> dict[str, float]:
+        """What is there beyond the claimed names: the best of all sets over the best of these names alone."""
+        plain = [h for h in self.found.sets if h.effects <= set(claimed) and not h.forms]
+        best = max(self.found.sets, key=lambda h: h.score)
+        base = max(plain, key=lambda h: h.score, default=self.found.sets[-1])
+        steady, agree = self._steady(base, best)
+        return {
+            "raw": float(best.score - base.score),
+            "own": float(self.own(best) - self.own(base)),
+            "tempered": float(max(self.tempered(base) - self.tempered(best), 0.0)),
+            "steady": steady,
+            "agree": agree,
+        }
+
+    def tempered(self, h: Hypothesis) -> float:
+        """Nats behind the leading set, tempered, odds and all."""
+        k, here = self.found.index(h), self.found.index(self.lead)
+        behind = self.found.behind
+        return float(behind[k] - h.log_prior - behind[here] + self.lead.log_prior)
+
+    def own(self, h: Hypothesis) -> float:
+        """Score of a set whose noise has the colour of what it leaves."""
+        if id(h) not in self._own:
+            self._own[id(h)] = coloured(self.ch, h).score
+        return self._own[id(h)]
+
+    @cached_property
+    def added(self) -> dict[str, Array]:
+        """(rows, C) that each name of the leading set adds."""
+        return {name: added_by(self.ch, self.lead, name) for name in self.lead.effects}
+
+    def _nats(self, kind: str, sets: Sequence[Hypothesis]) -> dict[str, float]:
+        """Of the leading set over the best of these; three ways."""
+        if not sets:
+            return {f"{kind}_{way}": MOST for way in ("raw", "tempered", "own")}
+        best = sorted(sets, key=lambda h: -h.score)[:WEIGHED]
+        return {
+            f"{kind}_raw": float(self.lead.score - best[0].score),
+            f"{kind}_tempered": min(self.tempered(h) for h in sets),
+            f"{kind}_own": float(self.own(self.lead) - max(self.own(h) for h in best)),
+        }
+
+    def _steady(self, without: Hypothesis | None, lead: Hypothesis | None = None) -> tuple[float, float]:
+        """Standard errors over blocks by which the log is more probable with the name; share of blocks that
+        are.
+        """
+        if without is None:
+            return 0.0, 0.5
+        ahead = density_by_block(self.ch, lead or self.lead) - density_by_block(self.ch, without)
+        spread = float(np.std(ahead)) * np.sqrt(len(ahead))
+        return float(np.clip(ahead.sum() / max(spread, 1e-9), -50.0, 50.0)), float(np.mean(ahead > 0.0))
+
+    def _freed(self, name: str) -> float:
+        """Nats of a name beside free curves of every load over the causes of the other names."""
+        ch, lead = self.ch, self.lead
+        causes = {
+            m.effect.cause(ch.bare, m.shape, channel)[0]
+            for m in lead.members
+            if m.name != name
+            for channel in ch.names
+        }
+        curves = [f for f in ch.forms if f.split("|")[0] in causes and tuple(f.split("|")[2:]) == FREED]
+        forms = [*lead.forms, *(f for f in curves if f not in lead.forms)]
+        rest = [m for m in lead.members if m.name != name]
+        both, alone = (
+            self.white.linearised(members, forms, lead.fit.noise)[0] for members in (lead.members, rest)
+        )
+        return float(both.score - alone.score)
+
+    def _bent(self, name: str) -> float:
+        """Nats of a name over a map of the pair that bends more, in its place."""
+        if self.bent is None:
+            return MOST
+        rest = [m for m in self.lead.members if m.name != name]
+        other, _ = self.bent.linearised(rest, self.lead.forms, self.lead.fit.noise)
+        return float(self.lead.score - other.score - ODDS)
+
+    @cached_property
+    def bent(self) -> Scorer | None:
+        """The log with a map that bends more."""
+        blocks = self.ch.bent()
+        return (
+            Scorer(replace(self.ch, surface=(*self.ch.surface, *blocks)), self.lead.colour)
+            if blocks
+            else None
+        )
+
+    def _at_bound(self, name: str) -> float:
+        """1 where a number of its shape is at a limit."""
+        m = next(m for m in self.lead.members if m.name == name)
+        limits = m.effect.free(self.ch.bare, m.shape)
+        for key in m.keys:
+            low, high = limits[key]
+            if min(m.shape[key] - low, high - m.shape[key]) < 1e-3 * (high - low):
+                return 1.0
+        return 0.0
+
+
+def own_cause(ch: Channels, h: Hypothesis, name: str, form: str) -> bool:
+    """Whether a free form runs over the variable that an effect comes from."""
+    variable, channel, *_ = form.split("|")
+    m = next(m for m in h.members if m.name == name)
+    label, cause = m.effect.cause(ch.bare, m.shape, channel)
+    values = np.asarray(cause, float)[ch.frame.keep]
+    if " " in variable:  # the sum or difference of speeds holds either
+        return any(
+            _same_time_profile(values, ch.variables[v])
+            for v in (variable.split(" ")[0], variable.split(" ")[2])
+        )
+    other = ch.variables.get(variable)
+    return other is not None and (label == variable or _same_time_profile(values, other))
+
+
+def _same_time_profile(values: Array, other: Array) -> bool:
+    """Whether two variables are one."""
+    if np.ptp(values) <= 0.0 or np.ptp(other) <= 0.0:
+        return False
+    return bool(abs(np.corrcoef(values, other)[0, 1]) > SAME_TIME_PROFILE)
+
+
+def forms_of(ch: Channels, h: Hypothesis) -> dict[str, Array]:
+    """(rows,) that every free form of a set adds to its channel, about its mean."""
+    out: dict[str, Array] = {}
+    blocks = {f: ch.forms[f]() for f in h.forms}
+    at = h.fit.deviation.shape[0] - sum(b.width for b in blocks.values())
+    for form, block in blocks.items():
+        added = block.columns[:, ch.names.index(form.split("|")[1])] @ h.fit.values[at : at + block.width]
+        at += block.width
+        out[form] = np.asarray(added - np.mean(added))
+    return out
+
+
+def added_by(ch: Channels, h: Hypothesis, name: str) -> Array:
+    """(rows, C) what one effect adds beside the others of its set."""
+    with_it, without = (
+        composed(ch.bare, [*known, *((m.effect, m.parameters(ch.bare)) for m in members)]).predicted
+        for members in (h.members, [m for m in h.members if m.name != name])
+        for known in [[k for k in ch.known if k[0].name not in {m.name for m in members}]]
+    )
+    return np.asarray(ch.reduce(with_it - without))
