@@ -412,7 +412,7 @@ def scored(logs: Sequence[Log], answer: Callable[[Log], Answer]) -> list[Score]:
 # the decision: trained on what answers weighed
 
 PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
-RAISE = ("nothing_", "free_", "rival_", "weakest", "freed", "bent", "steady", "agree", "size_noise")
+RAISE = ("rival_", "weakest", "bent")
 RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
 EITHER_WAY = ("group",)  # of the others, more lowers the probability
 RIDGE = 3.0

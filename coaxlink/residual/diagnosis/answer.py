@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects import stand_effects
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.diagnosis.channels import Channels
@@ -21,6 +22,7 @@ from coaxlink.residual.regression.joint_model import Fitter, straight
 from coaxlink.residual.regression.problem import Problem, build
 from coaxlink.residual.result import (
     Ambiguous,
+    FoundEffect,
     Refinement,
     Rejected,
     SmoothSurface,
@@ -86,6 +88,12 @@ def answered(
     return replace(
         out, effects=effects, rejected=rejected, trace=_trace(found), surface=surface, weighed=said.weighed
     )
+
+
+def refused(effect: FoundEffect) -> bool:
+    """Whether physics does not allow the numbers that all rows gave an effect."""
+    numbers = {p.name: p.value for p in effect.parameters}
+    return any(e.refuse(numbers) is not None for e in stand_effects() if e.name == effect.name)
 
 
 def _borne_out(found: Posterior, names: set[str]) -> Hypothesis:

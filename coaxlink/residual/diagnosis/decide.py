@@ -10,8 +10,8 @@ Vovk et al. 2005, Sadinle et al. 2019). "Nothing to mend" is a claim too, with a
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -23,6 +23,7 @@ from coaxlink.residual.diagnosis.features import Candidate, Features
 from coaxlink.residual.diagnosis.posterior import Posterior
 
 LIMIT = 3000.0  # of a number, before its logarithm is taken
+WAYS = ("raw", "tempered", "own")
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,12 @@ class Decision:
     def is_open(self) -> bool:
         """Whether it is said that something is there beyond what is claimed."""
         return self.opened >= calibration()["level"]["open"]
+
+    def without(self, names: Collection[str]) -> Decision:
+        """The decision with these names withheld: their cause stays open."""
+        claimed = {n: p for n, p in self.claimed.items() if n not in names}
+        withheld = {**self.withheld, **{n: p for n, p in self.claimed.items() if n in names}}
+        return replace(self, claimed=claimed, withheld=withheld, opened=max(self.opened, *withheld.values()))
 
     @property
     def grouped(self) -> frozenset[str]:
@@ -103,17 +110,15 @@ def probability(model: str, terms: Mapping[str, float]) -> float:
 
 
 def terms_of(candidate: Candidate) -> dict[str, float]:
-    """The numbers of a candidate as the logistic model takes them."""
-    numbers = dict(candidate.numbers)
-    for way in ("raw", "tempered", "own"):
-        numbers[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
-    numbers["weakest"] = min(
-        *(numbers[f"weakest_{w}"] for w in ("raw", "tempered", "own")), numbers["freed"], numbers["bent"]
-    )
-    out = {name: _scaled(name, value) for name, value in numbers.items()}
-    out["sensor_drift"] = float("sensor_drift" in candidate.names)
-    out["group"] = float(len(candidate.names) > 1)
-    return out
+    """The numbers of a candidate as the logistic model takes them: a chain is as strong as its weakest link."""
+    numbers = candidate.numbers
+    out = {name: numbers[name] for name in ("at_bound", "beside", "bent", "forms", "members")}
+    for way in WAYS:
+        out[f"rival_{way}"] = numbers[f"rival_{way}"]
+        out[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
+    out["weakest"] = min(*(out[f"weakest_{way}"] for way in WAYS), numbers["freed"], numbers["bent"])
+    out = {name: _scaled(name, value) for name, value in out.items()}
+    return out | {"group": float(len(candidate.names) > 1)}
 
 
 def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
@@ -121,7 +126,7 @@ def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: _scaled(name, value) for name, value in numbers.items()}
 
 
-PLAIN = ("agree", "at_bound", "beside", "size_noise")
+PLAIN = ("agree", "at_bound", "beside", "forms", "members")  # numbers that are no nats
 
 
 def _scaled(name: str, value: float) -> float:

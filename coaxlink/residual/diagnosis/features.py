@@ -62,13 +62,13 @@ class Features:
         rms = np.std(self.added[name], axis=0)
         c = int(np.argmax(rms / ch.reference))
         beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
-        base = max(nothing, key=lambda h: h.score, default=None)
-        numbers["size_noise"] = float(np.log(max(rms[c] / float(lead.fit.noise[c]), 1e-6)))
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
-        numbers["steady"], numbers["agree"] = self._steady(base)
         numbers["freed"] = self._freed(name) if others else MOST
         numbers["bent"] = self._bent(name)
         numbers["at_bound"] = self._at_bound(name)
+        # what else it took to explain the log: a log that is not understood tells less
+        numbers["members"] = float(len(lead.members))
+        numbers["forms"] = float(sum(f not in mine for f in lead.forms))
         return Candidate((name, *(n for n in group if n != name)), numbers)
 
     def rivals(self, name: str) -> list[str]:
@@ -126,13 +126,10 @@ class Features:
             f"{kind}_own": float(self.own(self.lead) - max(self.own(h) for h in best)),
         }
 
-    def _steady(self, without: Hypothesis | None, lead: Hypothesis | None = None) -> tuple[float, float]:
-        """Standard errors over blocks by which the log is more probable with the name; share of blocks that
-        are.
-        """
-        if without is None:
-            return 0.0, 0.5
-        ahead = density_by_block(self.ch, lead or self.lead) - density_by_block(self.ch, without)
+    def _steady(self, without: Hypothesis, best: Hypothesis) -> tuple[float, float]:
+        """Standard errors over blocks by which the log is more probable under one set, and the share of
+        blocks."""
+        ahead = density_by_block(self.ch, best) - density_by_block(self.ch, without)
         spread = float(np.std(ahead)) * np.sqrt(len(ahead))
         return float(np.clip(ahead.sum() / max(spread, 1e-9), -50.0, 50.0)), float(np.mean(ahead > 0.0))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
-from coaxlink.residual.diagnosis.answer import answered
+from coaxlink.residual.diagnosis.answer import answered, refused
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided
 from coaxlink.residual.diagnosis.faults import weighed_faults
@@ -143,6 +143,10 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
         every = every.with_map(found.channels.map)
     said = decided(found.channels, found.posterior) if found else NOTHING
     out = answered(every, found.posterior if found else None, said, suspects, notes, several)
+    beyond = {e.name for e in out.effects if refused(e)}
+    if beyond and found:
+        said = said.without(beyond)
+        out = answered(every, found.posterior, said, suspects, notes, several)
     shown = found.would_show if found else {}
     named = {*said.claimed} | said.grouped
     least = [WouldShow(n, s, c) for n, (s, c) in shown.items() if n not in named and s < WORTH_TELLING]

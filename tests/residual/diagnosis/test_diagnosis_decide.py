@@ -11,7 +11,15 @@ KINDS = [f"{kind}_{way}" for kind in ("nothing", "free", "rival") for way in ("r
 
 
 def candidate(nats, name="air_density", **more):
-    usual = {"size_noise": 0.5, "beside": 0.0, "steady": 5.0, "agree": 0.9, "at_bound": 0.0}
+    usual = {
+        "size_noise": 0.5,
+        "beside": 0.0,
+        "steady": 5.0,
+        "agree": 0.9,
+        "at_bound": 0.0,
+        "members": 1.0,
+        "forms": 0.0,
+    }
     numbers = dict.fromkeys((*KINDS, "freed", "bent"), nats) | usual | more
     return Candidate((name,), numbers)
 
