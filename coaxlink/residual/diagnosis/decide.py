@@ -110,7 +110,7 @@ def probability(model: str, terms: Mapping[str, float]) -> float:
 
 
 def terms_of(candidate: Candidate) -> dict[str, float]:
-    """The numbers of a candidate as the logistic model takes them: a chain is as strong as its weakest link."""
+    """What the logistic model takes of a candidate: a name is as sure as its strongest rival is far."""
     numbers = candidate.numbers
     out = {name: numbers[name] for name in ("at_bound", "beside", "bent", "forms", "members")}
     for way in WAYS:

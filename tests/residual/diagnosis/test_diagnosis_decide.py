@@ -10,32 +10,30 @@ from coaxlink.residual.diagnosis.features import Candidate
 KINDS = [f"{kind}_{way}" for kind in ("nothing", "free", "rival") for way in ("raw", "tempered", "own")]
 
 
-def candidate(nats, name="air_density", **more):
-    usual = {
-        "size_noise": 0.5,
-        "beside": 0.0,
-        "steady": 5.0,
-        "agree": 0.9,
-        "at_bound": 0.0,
-        "members": 1.0,
-        "forms": 0.0,
-    }
-    numbers = dict.fromkeys((*KINDS, "freed", "bent"), nats) | usual | more
-    return Candidate((name,), numbers)
+def said(nats, **more):
+    numbers = {k: nats for k in (*KINDS, "freed", "bent")}
+    usual = {"beside": 0.0, "at_bound": 0.0, "members": 1.0, "forms": 0.0}
+    return probability("name", terms_of(Candidate(("air_density",), numbers | usual | more)))
 
 
 def test_every_trained_term_is_worked_out_and_no_other():
-    assert set(calibration()["name"]["weights"]) == set(terms_of(candidate(10.0)))
+    numbers = dict.fromkeys((*KINDS, "freed", "bent", "beside", "at_bound", "members", "forms"), 1.0)
+    assert set(calibration()["name"]["weights"]) == set(terms_of(Candidate(("x",), numbers)))
     opened = dict.fromkeys(("raw", "own", "tempered", "steady", "agree"), 1.0)
     assert set(calibration()["open"]["weights"]) == set(opened_terms(opened))
 
 
 def test_more_evidence_makes_a_name_more_probable():
-    said = [probability("name", terms_of(candidate(nats))) for nats in (-5.0, 3.0, 20.0, 100.0, 1000.0)]
-    assert said == sorted(said) and said[0] < 0.1 and said[-1] > 0.9
+    every = [said(nats) for nats in (-5.0, 3.0, 20.0, 100.0, 1000.0)]
+    assert every == sorted(every) and every[0] < 0.1 and every[-1] > 0.9
 
 
-@pytest.mark.parametrize("weakest", [*KINDS, "freed", "bent"])
-def test_one_rival_that_is_level_is_enough_to_withhold_a_name(weakest):
-    said = probability("name", terms_of(candidate(300.0, **{weakest: 0.0})))
-    assert said < calibration()["level"]["name"]
+@pytest.mark.parametrize("kind", ["nothing", "free", "rival"])
+def test_one_rival_that_is_level_is_enough_to_withhold_a_name(kind):
+    level = {f"{kind}_{way}": 0.0 for way in ("raw", "tempered", "own")}
+    assert said(300.0, **level) < calibration()["level"]["name"]
+
+
+@pytest.mark.parametrize("weaker", [{"freed": 0.0}, {"bent": 0.0}, {"at_bound": 1.0}, {"forms": 3.0}])
+def test_what_speaks_against_a_name_lowers_its_probability(weaker):
+    assert said(100.0, **weaker) < said(100.0)
