@@ -1,4 +1,4 @@
-"""The hidden worlds of `blind.py`, drawn from a seed; nothing here knows of `coaxlink`.
+"""Hidden worlds for `tracing.py`, drawn from a seed; nothing here knows of `coaxlink`.
 
 *Stand*: a pair on a thrust stand by laws that are neither `sim`'s nor the analysis's: battery, motor, air,
 blades, cells, and things of no physics. Rotor pair, schedule, rate, noise and logged columns vary. An effect

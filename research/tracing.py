@@ -9,7 +9,7 @@ numbers.
 
 A SET is a folder with a `truth.json` (`../shared/worlds/closed1/stand`), or an author and seeds: `own:0-2`
 and `sim:0-2` (`blind_worlds`: our stands, the bench and the flights of `sim`), `one:11`, `two:3`
-(`../shared/worlds/authors`), or a folder's name in `research/worlds`. What a generator writes is kept in
+(`../shared/worlds/authors`), or a folder of `research/worlds` (`author3:1`). What a generator writes is kept in
 `--folder`, and so is every answer, under the method's hash or a name: the same command goes on where it was.
 
 Right: the names are the truth's or an accepted set; of an oddity nothing is named and something is
@@ -53,6 +53,7 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 HERE = Path(__file__).resolve().parent
 WORLDS = (HERE.parent.parent / "shared" / "worlds").resolve()
 KINDS = ("effect", "two", "odd", "fault", "ambiguous", "clean", "real")
+GENERATORS = {"stand": "stand.py", "flight": "gen.py"}  # of author one
 NATS = 100.0  # an oracle's: more must not be answered by silence
 Truth = dict[str, Any]
 Answer = dict[str, Any]
@@ -131,13 +132,14 @@ def write_worlds(author: str, kind: str, seed: int, root: Path) -> None:
         truths = _of_two(kind, seed, draft)
         (draft / "truth.json").write_text(json.dumps(truths))
     else:
-        where = WORLDS / "authors" / author if author == "one" else HERE / "worlds" / author
-        script = where / ("gen.py" if author == "one" and kind == "flight" else f"{kind}.py")
-        if script.exists():
-            command = [sys.executable, str(script), str(seed), str(draft)]
-            subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=where)
-        if not (draft / "truth.json").exists():
-            (draft / "truth.json").write_text("{}")
+        script, arguments = (
+            HERE / "worlds" / author / "generate.py",
+            ["--kind", kind, "--seed", str(seed), "--out"],
+        )
+        if author == "one":
+            script, arguments = WORLDS / "authors" / "one" / GENERATORS[kind], [str(seed)]
+        command = [sys.executable, str(script), *arguments, str(draft)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=script.parent)
     if not root.exists():
         draft.replace(root)
 
