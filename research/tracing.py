@@ -9,8 +9,8 @@ numbers.
 
 A SET is a folder with a `truth.json` (`../shared/worlds/closed1/stand`), or an author and seeds: `own:0-2`
 and `sim:0-2` (`blind_worlds`: our stands, the bench and the flights of `sim`), `one:11`, `two:3`
-(`../shared/worlds/authors`), or a folder of `research/worlds` (`author3:1`). What a generator writes is kept in
-`--folder`, and so is every answer, under the method's hash or a name: the same command goes on where it was.
+(`../shared/worlds/authors`), or a folder of `research/worlds` (`author3:1`). What a generator writes is kept
+in `--folder`, and so is every answer, under the method's hash or a name; the same command goes on.
 
 Right: the names are the truth's or an accepted set; of an oddity nothing is named and something is
 unexplained; of a fault something is suspect and nothing named; of an ambiguous log a group holds the names;

@@ -16,7 +16,7 @@ from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import LOAD, drive, load_variants, loaded, turn, turning
 from coaxlink.effects.live import LiveView, SpeedPart
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 
 REFERENCE = (0.5, 1.6)  # of the logged median: where a model's voltage may lie
@@ -196,7 +196,7 @@ STAND: Tracing[StandFrame] = Tracing(
     units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1", "load": "1"}
     | dict.fromkeys(GOVERNED, "1"),
     missing=_no_voltage,
-    shapes=lambda _: [{"power": p} for p in (0.4, 0.7, 1.0)],
+    shapes=lambda frame: [*({"power": p} for p in (0.4, 0.7, 1.0)), *governed_shapes(frame)],
     columns=_voltage_columns,
     parameters=_voltage_parameters,
     inverse=_voltage_inverse,

@@ -53,9 +53,11 @@ def cell_shapes(frame: StandFrame) -> Sequence[Shape]:
     return play + [{"cells": 1.0, "band": b, "knee": 6.0, "tracks": c} for b in CELL_BANDS for c in loads]
 
 
-def of_cells(effect: Tracing[StandFrame]) -> Tracing[StandFrame]:
-    """The effect of cells alone, for a log without throttles: what no motor can be judged by, a cell can."""
-    return replace(effect, shapes=lambda _: [], missing=lambda _: None, stage=8)
+def of_what_is_logged(frame: StandFrame, effect: Tracing[StandFrame]) -> Tracing[StandFrame]:
+    """The effect; its cells alone for a log without throttles: what no motor can be judged by, a cell can."""
+    if effect.name != "dead_band" or effect.missing(frame) is None:
+        return effect
+    return replace(effect, shapes=cell_shapes, missing=lambda _: None, stage=8)
 
 
 def _unread(frame: StandFrame, shape: Shape) -> Array:
@@ -200,7 +202,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "torque": "1",
     },
     missing=drivable,
-    shapes=_dead_shapes,
+    shapes=lambda frame: [*_dead_shapes(frame), *cell_shapes(frame)],
     columns=_dead_columns,
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),

@@ -149,7 +149,12 @@ STAND: Tracing[StandFrame] = Tracing(
     units={"speed_loss_per_100K": "1", "memory_s": "s", "load": "1", "fading": "1", "magnets": "1"}
     | {"own_s": "s", "own_speed_loss": "1", "side": "1"},
     missing=_no_heat,
-    shapes=_heat_shapes,
+    shapes=lambda frame: [
+        *_heat_shapes(frame),
+        *magnet_shapes(frame),
+        *winding_shapes(frame),
+        *one_motor_shapes(frame),
+    ],
     columns=_heat_columns,
     parameters=lambda _, shape, c: {**dict(zip(LOSSES, map(float, c), strict=False)), **shape},
     inverse=lambda _, p: (

@@ -277,7 +277,11 @@ STAND: Tracing[StandFrame] = Tracing(
         "wake": "1",
     },
     missing=_no_time,
-    shapes=lambda _: [{"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})],
+    shapes=lambda frame: [
+        *({"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})),
+        *ringing_shapes(frame),
+        *wake_shapes(frame),
+    ],
     columns=_lag_columns,
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),

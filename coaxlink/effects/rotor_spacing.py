@@ -143,7 +143,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "upper_torque_loads_share": "1",
     },
     missing=_no_spacing,
-    shapes=_places,
+    shapes=lambda frame: [*_places(frame), *alike_shapes(frame)],
     columns=_spacing_columns,
     parameters=_spacing_parameters,
     inverse=_spacing_inverse,

@@ -218,7 +218,7 @@ STAND: Tracing[StandFrame] = Tracing(
     | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)}
     | {name: "1" if name.endswith(ROOM_SPAN) else "N or N m" for name in CELLS},
     missing=_no_clock,
-    shapes=_drift_shapes,
+    shapes=lambda frame: [*_drift_shapes(frame), *amplifier_shapes(frame), *room_shapes(frame)],
     columns=_drift_columns,
     parameters=lambda _, shape, c: {**shape, **dict(zip(_drift_names(shape), map(float, c), strict=True))},
     inverse=_drift_inverse,

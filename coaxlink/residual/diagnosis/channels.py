@@ -41,9 +41,6 @@ class Channels:
     notes: tuple[str, ...] = ()
     # of the reference load: less is within what a sound model and a sound stand are off by
     least_size: float = 0.005
-    more_shapes: Callable[[Any, Tracing[Any]], Sequence[Shape]] = (
-        lambda _, __: ()
-    )  # beside an effect's own grid
     impossible: tuple[tuple[str, str], ...] = ()
     # discrepancies of the rotor map beyond `surface`, by name: one of them, or none, is in every hypothesis
     maps: Mapping[str, Callable[[], tuple[Block, ...]]] = field(default_factory=dict)

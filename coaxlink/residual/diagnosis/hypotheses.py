@@ -320,7 +320,7 @@ def _log_prior(ch: Channels, m: Member) -> float:
         return REFUSED
     forms = {
         tuple(sorted((k, v) for k, v in s.items() if k not in m.effect.free(frame, s)))
-        for s in (*m.effect.shapes(frame), *ch.more_shapes(frame, m.effect))
+        for s in m.effect.shapes(frame)
     }
     out = ODDS - np.log(max(len(forms), 1))
     whole = effect_named(m.name)

@@ -270,7 +270,7 @@ def candidates(scorer: Scorer) -> list[Candidate]:
     ch = scorer.channels
     if not ch.grid:  # the same for every colour
         for effect in ch.effects:
-            for shape in [*effect.shapes(ch.frame), *ch.more_shapes(ch.frame, effect)]:
+            for shape in effect.shapes(ch.frame):
                 columns = ch.reduce(effect.columns(ch.frame, shape))
                 if columns.any() and np.all(np.isfinite(columns)):
                     ch.grid.append((effect, shape, columns))

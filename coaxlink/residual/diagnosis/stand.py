@@ -10,7 +10,7 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.effects import stand_effects
-from coaxlink.effects.further_forms import further_shapes, of_what_is_logged
+from coaxlink.effects.dead_band import of_what_is_logged
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
@@ -101,7 +101,6 @@ def stand_channels(
         forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
         effects=tuple(able),
         reduce=reduce,
-        more_shapes=further_shapes,
         notes=(*frame.notes, *notes),
         impossible=tuple(unable),
     )
