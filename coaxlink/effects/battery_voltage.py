@@ -16,7 +16,7 @@ from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import LOAD, drive, load_variants, loaded, turn, turning
 from coaxlink.effects.live import LiveView, SpeedPart
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 
 REFERENCE = (0.5, 1.6)  # of the logged median: where a model's voltage may lie
