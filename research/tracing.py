@@ -40,7 +40,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -96,7 +96,7 @@ class Log:
         return out
 
 
-def logs_of(name: str, folder: Path, kinds: Sequence[str]) -> Iterator[Log]:
+def logs_of(name: str, folder: Path, kinds: Sequence[str], only: Collection[str] = ()) -> Iterator[Log]:
     """The logs of a set; what a generator would write is written first."""
     if (Path(name) / "truth.json").exists():
         root = Path(name).resolve()
@@ -109,7 +109,7 @@ def logs_of(name: str, folder: Path, kinds: Sequence[str]) -> Iterator[Log]:
         for kind in kinds:
             root = folder / "worlds" / f"{author}-{kind}-{seed}"
             if not (root / "truth.json").exists():
-                write_worlds(author, kind, seed, root)
+                write_worlds(author, kind, seed, root, only)
             yield from _read(f"{author}/{kind}", root, kinds)
 
 
@@ -120,13 +120,13 @@ def _read(author: str, root: Path, kinds: Sequence[str]) -> Iterator[Log]:
             yield log
 
 
-def write_worlds(author: str, kind: str, seed: int, root: Path) -> None:
+def write_worlds(author: str, kind: str, seed: int, root: Path, only: Collection[str] = ()) -> None:
     """Have an author's generator write a seed's logs and truths into a folder."""
     draft = root.with_name(f"{root.name}.{os.getpid()}")
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
     if author in ("own", "sim"):
-        truths = _ours(author, kind, seed, draft)
+        truths = _ours(author, kind, seed, draft, only)
         (draft / "truth.json").write_text(json.dumps(truths))
     elif author == "two":
         truths = _of_two(kind, seed, draft)
@@ -173,7 +173,7 @@ def _of_two(kind: str, seed: int, root: Path) -> dict[str, Truth]:
     return truths
 
 
-def _ours(author: str, kind: str, seed: int, root: Path) -> dict[str, Truth]:
+def _ours(author: str, kind: str, seed: int, root: Path, only: Collection[str]) -> dict[str, Truth]:
     """`own`: the stand of `blind_worlds`; `sim`: the bench and the flights of `sim`, by its other laws."""
     import blind_worlds as worlds
     import numpy as np
@@ -197,6 +197,8 @@ def _ours(author: str, kind: str, seed: int, root: Path) -> dict[str, Truth]:
         worth = worlds.worth_of(number)
         case = f"{'+'.join(names) or 'clean'}-{number}"
         drawn = kind == "stand" or all(n in worlds.WORTH for n in names)
+        if only and case not in only:
+            continue
         law = "law" if drawn and worlds.has_other_law(kind, names) else "same"
         truth: Truth = {"log": f"{case}.csv", "rotor": None, "accept": []}
         if kind == "flight":
@@ -594,7 +596,8 @@ def main() -> None:
     if a.small:
         a.folder, a.sets, a.kind = Path(tempfile.mkdtemp()), ["own:0"], ["stand"]
         a.only = "air_density-0,clean-0"
-    logs = [log for name in a.sets for log in logs_of(name, a.folder, a.kind)]
+    only = a.only.split(",") if a.small else ()
+    logs = [log for name in a.sets for log in logs_of(name, a.folder, a.kind, only)]
     logs = [log for k, log in enumerate(logs) if k % a.every == 0]
     if a.only:
         logs = [log for log in logs if log.case in a.only.split(",")]

@@ -17,14 +17,16 @@ import numpy as np
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
+from coaxlink.residual.diagnosis.parts import in_channel, waves
 from coaxlink.residual.diagnosis.posterior import Posterior, density_by_block
 from coaxlink.residual.regression.joint_model import composed
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
 MOST = 3000.0  # nats: where no set of a kind was worth a visit
-NEAR = 12.5  # nats: five standard errors; what is further behind is no rival in a group
+NEAR = 20.0  # nats: what is further behind is no rival in a group (judgement: past any width of a prior)
 SAME_TIME_PROFILE = 0.99  # correlation, judgement: of two columns that no log of this length tells apart
-FREED = ("0.15", "0.04")  # length and size of the free curves that the other causes get
+# of the reference load, wide: the free curves that the other causes get; of the range; levels of a held cause
+FREED, CURVE, LEVELS = 0.3, 0.1, 12
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,6 @@ class Features:
 
     def __init__(self, ch: Channels, found: Posterior) -> None:
         self.ch, self.found, self.lead = ch, found, found.best
-        self.white = Scorer(ch, self.lead.colour)
         self._own: dict[int, float] = {}
 
     def candidate(self, name: str, group: Collection[str] = ()) -> Candidate:
@@ -134,21 +135,24 @@ class Features:
         return float(np.clip(ahead.sum() / max(spread, 1e-9), -50.0, 50.0)), float(np.mean(ahead > 0.0))
 
     def _freed(self, name: str) -> float:
-        """Nats of a name beside free curves of every load over the causes of the other names."""
-        ch, lead = self.ch, self.lead
-        causes = {
-            m.effect.cause(ch.bare, m.shape, channel)[0]
-            for m in lead.members
-            if m.name != name
-            for channel in ch.names
-        }
-        curves = [f for f in ch.forms if f.split("|")[0] in causes and tuple(f.split("|")[2:]) == FREED]
-        forms = [*lead.forms, *(f for f in curves if f not in lead.forms)]
+        """Nats of a name beside free curves of every load over the causes of the other names.
+
+        What changes with a spacing, from session to session, is the spacing's, whatever its form misses; a cell
+        that drifts besides must show within one level of it.
+        """
+        ch, lead, blocks = self.ch, self.lead, []
         rest = [m for m in lead.members if m.name != name]
-        both, alone = (
-            self.white.linearised(members, forms, lead.fit.noise)[0] for members in (lead.members, rest)
-        )
-        return float(both.score - alone.score)
+        for m in rest:
+            for c, channel in enumerate(ch.names):
+                cause = np.asarray(m.effect.cause(ch.bare, m.shape, channel)[1], float)[ch.frame.keep]
+                if np.ptp(cause) > 0.0 and np.any(self.added[m.name][:, c]):
+                    f, d = _curve(cause)
+                    both = np.concatenate([f * ch.weights[:, [c]], f * ch.reference[c]], axis=1)
+                    process = both, np.concatenate([d, d]) * FREED
+                    blocks.append(in_channel("freed", process, np.ones(len(f)), c, ch.count))
+        free = Scorer(replace(ch, surface=(*ch.surface, *blocks)), lead.colour)
+        both_of, alone = (free.linearised(x, lead.forms, lead.fit.noise)[0] for x in (lead.members, rest))
+        return float(both_of.score - alone.score)
 
     def _bent(self, name: str) -> float:
         """Nats of a name over a map of the pair that bends more, in its place."""
@@ -177,6 +181,14 @@ class Features:
             if min(m.shape[key] - low, high - m.shape[key]) < 1e-3 * (high - low):
                 return 1.0
         return 0.0
+
+
+def _curve(cause: Array) -> tuple[Array, Array]:
+    """(rows, K) a free function of a cause (rows,), (K,) deviations: of every level, or smooth."""
+    levels = np.unique(np.round((cause - cause.min()) / np.ptp(cause), 2), return_inverse=True)[1]
+    if levels.max() < LEVELS:
+        return np.eye(levels.max() + 1)[levels], np.ones(levels.max() + 1)
+    return waves(cause, CURVE)
 
 
 def own_cause(ch: Channels, h: Hypothesis, name: str, form: str) -> bool:
