@@ -20,7 +20,7 @@ from coaxlink.cli import main
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("refine")
-    columns = residual_rig.run(seed=2, air=1.0)
+    columns = residual_rig.run(seed=2, spacing=0.5)
     rows = np.stack(list(columns.values()), axis=1)
     np.savetxt(out / "stand.csv", rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
     return out
@@ -40,18 +40,18 @@ def test_everything_is_written(folder, capsys):
         "--out", folder / "better.toml", "--report", folder / "r.html", "--json", folder / "r.json",
     )  # fmt: skip
     shown = capsys.readouterr()
-    assert code == 0 and "found: air_density" in shown.out
+    assert code == 0 and "found: rotor_spacing" in shown.out
     document = json.loads((folder / "r.json").read_text())
-    assert document["kind"] == "stand" and [e["name"] for e in document["effects"]] == ["air_density"]
+    assert document["kind"] == "stand" and [e["name"] for e in document["effects"]] == ["rotor_spacing"]
     shown = document["channels"]["lower_thrust"]
     assert shown["rmse_after"] < shown["rmse_before"]
     better = tomllib.loads((folder / "better.toml").read_text())
-    assert better["effects"][0]["name"] == "air_density" and better["upper"]["thrust_N"]["u_u^2"] == 55.9517
+    assert better["effects"][0]["name"] == "rotor_spacing" and better["upper"]["thrust_N"]["u_u^2"] == 55.9517
     page = (folder / "r.html").read_text()
-    assert "Found: air density" in page and page.count("data:image/png;base64,") == 2
+    assert "Found: rotor spacing" in page and page.count("data:image/png;base64,") == 2
     assert "http" not in page  # self-contained
     code = run("refine", folder / "stand.csv", "--rotor", folder / "better.toml")
-    assert code == 0 and "nothing to explain" in capsys.readouterr().out
+    assert code == 0 and "found" not in capsys.readouterr().out
 
 
 def test_a_place_that_cannot_be_written_is_said_before_the_work(folder, capsys):

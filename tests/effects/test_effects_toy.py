@@ -102,7 +102,7 @@ def stand(loss, seed=3):
     steps = np.linspace(0.2, 0.9, 9)
     u, v = (x.ravel() for x in np.meshgrid(steps, steps, indexing="ij"))
     u, v = np.tile(u, 2), np.tile(v, 2)
-    volts = 23.1 + 2.1 * np.sin(np.arange(len(u)) / 11.0)  # as a supply moves: not from row to row
+    volts = 25.2 - 4.2 * (np.arange(len(u)) % 41) / 40.0  # four packs, each of which empties
     upper, upper_q, lower, lower_q = loads(u, v)
     left = 1.0 - loss * (volts - FROM_V)
     rpm = CRM.speed_max_rpm

@@ -14,11 +14,11 @@ from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import Decision, Group
 from coaxlink.residual.diagnosis.features import added_by, forms_of
-from coaxlink.residual.diagnosis.hypotheses import Hypothesis
+from coaxlink.residual.diagnosis.hypotheses import WHOLE, Hypothesis, is_whole
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import Posterior
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
-from coaxlink.residual.regression.joint_model import Fitter, straight
+from coaxlink.residual.regression.joint_model import Fitter, Joint, straight
 from coaxlink.residual.regression.problem import Problem, build
 from coaxlink.residual.result import (
     Ambiguous,
@@ -53,7 +53,9 @@ def answered(
     problem = _problem(ch, best)
     members = tuple(m for m in best.members if m.name in leading) if best else ()
     fixed = [k for k in ch.known if k[0].name not in {m.name for m in members}]
-    joint = Fitter(problem, ch.bare, fixed, ch.reduce).linear(members) if members else straight(problem, [])
+    members = tuple(replace(m, whole=is_whole(m)) for m in members)
+    fitter = Fitter(problem, ch.bare, fixed, ch.reduce)
+    joint = _held(fitter.linear(members)) if members else straight(problem, [])
     claimed = [o for o in joint.problem.options if o.name in sure]
     judged = Judged(
         problem,
@@ -88,6 +90,15 @@ def answered(
     return replace(
         out, effects=effects, rejected=rejected, trace=_trace(found), surface=surface, weighed=said.weighed
     )
+
+
+def _held(joint: Joint) -> Joint:
+    """The linear problem with the prior of what is there as a whole, as the evidence has it."""
+    bounds = joint.problem.blocks.bounds.copy()
+    for option, m in zip(joint.problem.options, joint.members, strict=True):
+        if m.whole:
+            bounds[option.columns[0]] = -2.0 * WHOLE
+    return replace(joint, problem=replace(joint.problem, blocks=replace(joint.problem.blocks, bounds=bounds)))
 
 
 def refused(effect: FoundEffect) -> bool:
@@ -206,7 +217,7 @@ def _smooth(ch: Channels, best: Hypothesis | None) -> tuple[SmoothSurface, ...]:
         at += block.width
         c = int(np.argmax(np.abs(block.columns).sum(axis=(0, 2))))
         size = float(np.sqrt(np.mean((block.columns[:, c] @ values) ** 2)))
-        if size > SMOOTH_SAID * ch.reference[c]:
+        if size > SMOOTH_SAID * ch.reference[c] and not ch.names[c].endswith("_speed"):
             out.append(SmoothSurface(ch.names[c], size, size / float(ch.reference[c]), ch.units[c]))
     return tuple(out)
 

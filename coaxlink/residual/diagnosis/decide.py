@@ -112,7 +112,7 @@ def probability(model: str, terms: Mapping[str, float]) -> float:
 def terms_of(candidate: Candidate) -> dict[str, float]:
     """What the logistic model takes of a candidate: a name is as sure as its strongest rival is far."""
     numbers = candidate.numbers
-    out = {name: numbers[name] for name in ("at_bound", "beside", "bent", "forms", "members")}
+    out = {name: numbers[name] for name in ("beside", "bent", "forms", "members")}
     for way in WAYS:
         out[f"rival_{way}"] = numbers[f"rival_{way}"]
         out[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
@@ -126,7 +126,7 @@ def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: _scaled(name, value) for name, value in numbers.items()}
 
 
-PLAIN = ("agree", "at_bound", "beside", "forms", "members")  # numbers that are no nats
+PLAIN = ("agree", "beside", "forms", "members")  # numbers that are no nats
 
 
 def _scaled(name: str, value: float) -> float:

@@ -66,7 +66,6 @@ class Features:
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
         numbers["freed"] = self._freed(name) if others else MOST
         numbers["bent"] = self._bent(name)
-        numbers["at_bound"] = self._at_bound(name)
         # what else it took to explain the log: a log that is not understood tells less
         numbers["members"] = float(len(lead.members))
         numbers["forms"] = float(sum(f not in mine for f in lead.forms))
@@ -137,7 +136,7 @@ class Features:
     def _freed(self, name: str) -> float:
         """Nats of a name beside free curves of every load over the causes of the other names.
 
-        What changes with a spacing, from session to session, is the spacing's, whatever its form misses; a cell
+        What changes with a spacing from session to session is the spacing's, whatever its form misses: a cell
         that drifts besides must show within one level of it.
         """
         ch, lead, blocks = self.ch, self.lead, []
@@ -171,16 +170,6 @@ class Features:
             if blocks
             else None
         )
-
-    def _at_bound(self, name: str) -> float:
-        """1 where a number of its shape is at a limit."""
-        m = next(m for m in self.lead.members if m.name == name)
-        limits = m.effect.free(self.ch.bare, m.shape)
-        for key in m.keys:
-            low, high = limits[key]
-            if min(m.shape[key] - low, high - m.shape[key]) < 1e-3 * (high - low):
-                return 1.0
-        return 0.0
 
 
 def _curve(cause: Array) -> tuple[Array, Array]:

@@ -291,6 +291,13 @@ def _step(frame: Any, m: Member, j: int) -> float:
     return step if value + step <= high else -step
 
 
+def is_whole(m: Member) -> bool:
+    """Whether a member's one coefficient is a share that is all of it."""
+    known = effect_named(m.name)
+    shares = [p for p in known.parameters if p.name == "share" and p.prior is not None] if known else []
+    return bool(shares) and len(m.coefficients) == 1
+
+
 def _prior(ch: Channels, frame: Any, m: Member, columns: Array) -> tuple[Array, Array]:
     """(K,) means and deviations of a member's numbers: coefficients by size, shapes by their limits."""
     count = len(m.coefficients)
@@ -299,7 +306,7 @@ def _prior(ch: Channels, frame: Any, m: Member, columns: Array) -> tuple[Array, 
     deviation[:count] = ch.usual(columns[..., :count])
     whole = effect_named(m.name)
     known = {p.name: p for p in whole.parameters} if whole else {}
-    if "share" in known and known["share"].prior is not None and count == 1:
+    if is_whole(m):
         mean[0], deviation[0] = 1.0, WHOLE  # all of the drive is late, or rests
     limits = m.effect.free(frame, m.shape)
     for i, key in enumerate(m.keys, start=count):

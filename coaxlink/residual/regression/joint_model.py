@@ -39,6 +39,7 @@ class Member:
     shape: Shape
     coefficients: Array  # (K,)
     keys: tuple[str, ...]  # free numbers of the shape
+    whole: bool = False  # all of it is there, or nothing: its coefficient counts from one
 
     @property
     def name(self) -> str:
@@ -53,7 +54,7 @@ class Member:
     @property
     def origin(self) -> Array:
         """(K + keys,) what a linear problem's numbers count from: coefficients nil, the shape as it is."""
-        return np.array([*np.zeros(len(self.coefficients)), *(self.shape[k] for k in self.keys)])
+        return np.array([*np.full(len(self.coefficients), self.whole), *(self.shape[k] for k in self.keys)])
 
     def at(self, point: Array) -> Member:
         """The member elsewhere."""

