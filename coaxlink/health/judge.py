@@ -8,7 +8,7 @@ does the rest (`hypotheses`); residuals' correlation in time counts (`share`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from coaxlink.frames import Array
 from coaxlink.health.columns import THRUST_SPECIMEN, TORQUE_SPECIMEN, Flight
 from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, Comparison, chipped_prior, compared
 from coaxlink.health.onsets import Onset
-from coaxlink.health.priors import LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST
+from coaxlink.health.priors import LIFT_TODAY, LOSS_SD, MATTERS, TORQUE_WITH_THRUST
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 
 WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than MATTERS
@@ -40,7 +40,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class RotorHealth:
-    """One rotor in one flight: shares of the model's loads, what all rotors have in common taken off."""
+    """One rotor at a flight's end: shares of the model's loads, what all rotors have in common taken off."""
 
     number: int
     pair: int | None
@@ -58,7 +58,7 @@ class PairHealth:
 
 @dataclass(frozen=True)
 class FlightHealth:
-    """All rotors in one flight."""
+    """All rotors at the end of one flight."""
 
     name: str
     seconds: float
@@ -159,7 +159,8 @@ def judge(
     probability = min(sum(s.probability for s in suspects), 1.0)
     verdict = "ground it" if probability >= GROUND else "watch" if probability >= WATCH else "sound"
     each = tuple(
-        _of_flight(flight, name, numbers, pairs) for flight, name in zip(flights, names, strict=True)
+        _of_flight(flight, name, numbers, pairs, _set_in(found, k))
+        for k, (flight, name) in enumerate(zip(flights, names, strict=True))
     )
     return Health(verdict, probability, suspects, each, found.payload, _detects(found, rotors))
 
@@ -197,13 +198,39 @@ def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
     )
 
 
+def _set_in(found: Comparison, flight: int) -> dict[int, Onset]:
+    """Rotors that may have lost something within this flight, from WATCH on, and when most likely."""
+    onsets, chances = found.onsets[flight], found.chances[flight].sum(axis=2)  # (R, N)
+    when = np.argmax(chances, axis=0)
+    return {
+        i: onsets[r]
+        for i, r in enumerate(when)
+        if onsets[r].start_s is not None and chances[:, i].sum() >= WATCH
+    }
+
+
 def _of_flight(
-    flight: Flight, name: str, numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
+    flight: Flight,
+    name: str,
+    numbers: Sequence[int],
+    pairs: Sequence[tuple[int, int]],
+    set_in: Mapping[int, Onset],
 ) -> FlightHealth:
-    """Every rotor's gains in one flight with nobody flagged: all may be off, by LOSS_SD."""
+    """Every rotor's gains at the end of one flight with nobody flagged: all may be off, by LOSS_SD, and those
+    of `set_in` by as much more from then on."""
     rotors = flight.thrust.shape[1]
-    X = np.concatenate([flight.thrust, flight.torque, flight.lasting, flight.passing], axis=1)
-    precision = np.concatenate([np.zeros(2 * rotors), 1 / flight.lasting_sd**2, 1 / flight.passing_sd**2])
+    loads = (flight.thrust, flight.torque)
+    time_profiles = {i: o.time_profile(flight.time_s, flight.cutoff_hz) for i, o in set_in.items()}
+    steps = [load[:, [i]] * w[:, None] for load in loads for i, w in time_profiles.items()]
+    X = np.concatenate([*loads, flight.lasting, flight.passing, *steps], axis=1)
+    precision = np.concatenate(
+        [
+            np.zeros(2 * rotors),
+            1 / flight.lasting_sd**2,
+            1 / flight.passing_sd**2,
+            np.full(len(steps), LOSS_SD**-2.0),
+        ]
+    )
     prior = chipped_prior() + np.diag([THRUST_SPECIMEN**2, TORQUE_SPECIMEN**2])
     A = flight.share * X.T @ X + np.diag(precision)
     block = np.linalg.inv(prior)
@@ -213,8 +240,11 @@ def _of_flight(
     covariance = np.linalg.inv(A)
     mean = covariance @ (flight.share * X.T @ flight.y)
 
-    alike = np.zeros((2, len(mean)))
-    alike[0, :rotors] = alike[1, rotors : 2 * rotors] = 1.0 / rotors
+    at_end = np.eye(len(mean))[: 2 * rotors]  # of each rotor's thrust, then torque
+    first = len(mean) - len(steps)
+    for n, i in enumerate(time_profiles):
+        at_end[i, first + n] = at_end[rotors + i, first + len(time_profiles) + n] = 1.0
+    alike = at_end.reshape(2, rotors, -1).mean(axis=1)
 
     def interval(weights: Array, quantity: int) -> Interval:
         apart = weights - alike[quantity]  # what all share is the pack's and the air's, not a rotor's
@@ -222,12 +252,11 @@ def _of_flight(
         half = NORMAL_95 * float(np.sqrt(apart @ covariance @ apart))
         return Interval(value, value - half, value + half)
 
-    unit = np.eye(len(mean))
     partner = {i: j for a, b in pairs for i, j in ((a, b), (b, a))}
     found = tuple(
         RotorHealth(
             numbers[i], numbers[partner[i]] if i in partner else None,
-            interval(unit[i], 0), interval(unit[rotors + i], 1),
+            interval(at_end[i], 0), interval(at_end[rotors + i], 1),
         )
         for i in range(rotors)
     )  # fmt: skip
@@ -235,7 +264,7 @@ def _of_flight(
     together = []
     for upper, lower in pairs:
         share = lift[upper] / max(lift[upper] + lift[lower], 1e-300)
-        weights = share * unit[upper] + (1 - share) * unit[lower]
+        weights = share * at_end[upper] + (1 - share) * at_end[lower]
         together.append(PairHealth((numbers[upper], numbers[lower]), interval(weights, 0)))
     return FlightHealth(name, flight.seconds, found, tuple(together))
 

@@ -139,6 +139,9 @@ def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
     assert first.loss.low < 0.12 < first.loss.high
     assert not first.gradual
     assert first.kind == ("a blade that lost a part" if torque > 0 else "a rough blade")
+    for r in found.flights[0].rotors:  # at its end; 0.02 is what the mean of all takes from each
+        truth = 1.0 - 0.12 * (r.number == rotor + 1)
+        assert abs(r.thrust.value - truth) < r.thrust.high - r.thrust.value + 0.02, r
     assert "rotor" in found.as_json()["suspects"][0] and found.as_json()["suspects"][0]["onset_s"][0] > 123
 
 
