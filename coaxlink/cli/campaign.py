@@ -103,9 +103,9 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
     for line in report.sentences(summary):
         screen.print(line)
     for heads, rows in (
-        (("figure", *summary.laws), report.spread_rows(summary)),
+        (report.spread_heads(summary), report.spread_rows(summary)),
         # the command that flies one again stands below, once and in one piece
-        (report.WORST_HEADS[:-1], [row[:-1] for row in report.worst_rows(summary)]),
+        (report.worst_heads(summary)[:-1], [row[:-1] for row in report.worst_rows(summary)]),
     ):
         if rows:
             screen.print(table("", heads, rows))

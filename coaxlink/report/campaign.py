@@ -8,17 +8,8 @@ from typing import Any
 
 from coaxlink.report.html import PagePicture, PageTable, render
 from coaxlink.report.made import Made
-from coaxlink.report.pictures.campaign_plots import words
+from coaxlink.report.pictures.campaign_plots import WORDS, words
 from coaxlink.studies.campaign.summary import FIGURES, Paired, Spread, Summary
-
-NOTED = ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh")  # said in sentences, others in tables
-
-PLAIN = {
-    "height_rms_m": "height error",
-    "thrust_error_N": "thrust error",
-    "yaw_error_Nm": "yaw moment error",
-    "energy_Wh": "use of energy",
-}
 
 
 def number(x: float) -> str:
@@ -27,13 +18,9 @@ def number(x: float) -> str:
 
 
 def sentences(s: Summary) -> Iterator[str]:
-    """What was flown and what stands out."""
-    flights = sum(c.flown for c in s.counts.values())
-    yield f"{s.name}: {flights} flights, {' / '.join(s.laws)} on equal seeds"
+    """The answer, then what did not end as planned."""
+    yield from answer(s)
     yield from ends(s)
-    for law, found in s.paired.items():
-        for name in NOTED:
-            yield f"{law} against {s.laws[0]}, {words(name)}: {_against(found[name])}"
 
 
 def ends(s: Summary) -> Iterator[str]:
@@ -45,27 +32,24 @@ def ends(s: Summary) -> Iterator[str]:
             yield f"{law}: {count} not flown: {why}"
 
 
-def lead(s: Summary) -> str:
-    """The answer in one sentence: what each law changes against the first, beyond its interval."""
+def answer(s: Summary) -> Iterator[str]:
+    """What was flown; then every figure that a law makes worse or better, beyond its interval."""
     flights = sum(c.flown for c in s.counts.values())
-    said = []
+    against = f", each draw by {' and '.join(s.laws)}" if len(s.laws) > 1 else f" by {s.laws[0]}"
+    yield f"{s.name}: {flights} simulated flights{against}."
     for law, found in s.paired.items():
-        clear = [f for f in NOTED if found[f].ci[0] > 0.0 or found[f].ci[1] < 0.0]
-        changes = [f"{_change(found[f].share)} {PLAIN[f]}" for f in clear]
-        last = " and ".join([", ".join(changes[:-1]), changes[-1]]) if len(changes) > 1 else "".join(changes)
-        said.append(f"{law} makes {last or 'no clear difference'}")
-    against = f". Against {s.laws[0]} in the same draws: {'; '.join(said)}" if said else ""
-    return f"{flights} simulated flights{against}."
+        better = [_change(f, p) for f, p in found.items() if p.ci[1] < 0.0]
+        worse = [_change(f, p) for f, p in found.items() if p.ci[0] > 0.0]
+        same = len(found) - len(better) - len(worse)
+        yield (
+            f"{law} against {s.laws[0]}: worse in {', '.join(worse) or 'nothing'}; better in "
+            f"{', '.join(better) or 'nothing'}; no clear difference in {same} of {len(found)} figures."
+        )
 
 
-def _change(share: float) -> str:
-    return f"{100 * abs(share):.2g} % {'more' if share > 0.0 else 'less'}"
-
-
-def _against(p: Paired) -> str:
-    ends = " .. ".join(number(x) for x in p.ci)
-    better = f"smaller in {100 * p.better:.0f} % of draws"
-    return f"{p.difference:+.3g} ({100 * p.share:+.1f} %), 95 % {ends}, {better}"
+def _change(figure: str, p: Paired) -> str:
+    name = WORDS[figure].removesuffix(", rms").replace(",", "")
+    return f"{name} {100 * p.share:+.2g} %" if math.isfinite(p.share) else name
 
 
 def spread_rows(s: Summary) -> list[tuple[str, ...]]:
@@ -82,7 +66,16 @@ def worst_rows(s: Summary) -> list[tuple[str, ...]]:
     return [(w.law, str(w.cell), number(w.value), w.failsafe or "-", w.replay) for w in s.worst]
 
 
-WORST_HEADS = ("law", "cell", "value", "failsafe", "replay")
+def spread_heads(s: Summary) -> tuple[str, ...]:
+    """Of `spread_rows`."""
+    return "figure, unit", *(f"{law}: mean (95 % interval)" for law in s.laws)
+
+
+def worst_heads(s: Summary) -> tuple[str, ...]:
+    """Of `worst_rows`."""
+    return "law", "cell", words(s.judge), "failsafe", "to fly it again"
+
+
 NOTHING = 1e-6  # m, N, N m, deg, Wh, shares
 
 
@@ -97,25 +90,27 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
     ]
     pairs = [
         (law, words(name), f"{p.difference:+.3g}", " .. ".join(map(number, p.ci)),
-         f"{100 * p.share:+.1f} %", f"{100 * p.better:.0f} %", f"{p.p_value:.1g}")
+         f"{100 * p.share:+.1f}", f"{100 * p.better:.0f}", f"{p.p_value:.1g}")
         for law, found in s.paired.items()
         for name, p in found.items()
     ]  # fmt: skip
-    pair_heads = ("law", "figure", f"less {s.laws[0]}", "95 %", "of its mean", "smaller in", "p")
+    pair_heads = ("law", "figure, unit", f"less {s.laws[0]}'s", "95 % interval", f"in % of {s.laws[0]}'s",
+                  "smaller in % of draws", "p (Wilcoxon)")  # fmt: skip
+    first, *more = answer(s)
     versions = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
     return render(
         "campaign.html",
         title=f"Campaign {s.name}",
-        lead=lead(s),
+        lead=" ".join([first, *more[:1]]),
         made=made or Made.now(),
         spreads=PagePicture(plots.spreads(s, columns), "spread of the main figures, law by law"),
-        remarks=list(ends(s)),
-        figures=PageTable(("figure", *s.laws), spread_rows(s)),
+        remarks=[*more[1:], *ends(s)],
+        figures=PageTable(spread_heads(s), spread_rows(s)),
         reference=s.laws[0],
         differences=PagePicture(plots.differences(s), "differences on equal seeds with intervals"),
         pairs=PageTable(pair_heads, pairs),
         judge=words(s.judge),
-        worst=PageTable(WORST_HEADS, worst_rows(s), wide=(4,)),
-        quantiles=PageTable(("law", "figure", "5 %", "median", "95 %"), quantiles),
+        worst=PageTable(worst_heads(s), worst_rows(s), wide=(4,)),
+        quantiles=PageTable(("law", "figure, unit", "5 % quantile", "median", "95 % quantile"), quantiles),
         flown_with=f"flown with {versions}; campaign {str(s.manifest.get('digest', ''))[:16]}",
     )
