@@ -56,7 +56,7 @@ PATHS: tuple[LivePath, ...] = (
     ),
     LivePath(
         PX4, (1, 15), ANY, "DEBUG_FLOAT_ARRAY", "TUNNEL", False, "",
-        "PX4 1.15, 1.16 and main of August 2026 source: the module of `px4_module`",
+        "compiled against 1.15.4, 1.16.1 and main of August 2026; flown in the SITL of 1.16.1",
         bridge=True,
     ),
     LivePath(
