@@ -1,18 +1,20 @@
-"""Spreadsheets (xlsx, xls, ods) as rows of text cells; python-calamine is imported only when one is read."""
+"""Spreadsheets (xlsx, xls, ods) as rows of text cells, read by a process of their own with limits."""
 
 from __future__ import annotations
 
-import contextlib
+import importlib
+import json
+import subprocess
+import sys
 from pathlib import Path
-from typing import Any
 
+from coaxlink.data import sheet_reader
 from coaxlink.data.layout import Row
-from coaxlink.data.quiet import one_line, silenced
-from coaxlink.data.sheet_bounds import check_bounds, refuse_extent
 from coaxlink.errors import InputError
 
 MAGIC = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # zip (xlsx, ods), OLE (xls)
-FEW = 6  # rows of numbers: no sheet with fewer can be identified from
+MOST_BYTES, MOST_S = 1 << 30, 10  # of memory, of the processor: 2 million cells take 0.5 GB and 5 s
+WAIT_S = 120.0  # of the clock, where the machine is busy or the system limits no processor time
 
 
 def is_sheet(head: bytes) -> bool:
@@ -23,60 +25,23 @@ def is_sheet(head: bytes) -> bool:
 def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
     """Rows in which something stands, and the sheet's name: the one requested, or the only one with numbers.
 
-    Raises InputError: not a spreadsheet, no such sheet, several that have numbers.
+    Raises InputError: not a spreadsheet, no such sheet, several that have numbers, one that takes more than
+    MOST_BYTES or MOST_S to read.
     """
-    from python_calamine import CalamineError, CalamineWorkbook
-
-    check_bounds(path)
+    importlib.import_module("python_calamine")  # where it is absent, it is told here
+    # -P: the modules beside the reader are not the standard library's
+    command = [sys.executable, "-P", sheet_reader.__file__, str(MOST_BYTES), str(MOST_S), str(path)]
     try:
-        with silenced():  # a panic of the reader, written in Rust, is told on stderr
-            book = CalamineWorkbook.from_path(str(path))
-            names = list(book.sheet_names)
-            if name is not None and name not in names:
-                raise InputError("`sheet`", "", f"'{name}' is not in {path.name} (found {', '.join(names)})")
-            sheets = {n: _read(path, book, n) for n in ([name] if name else names)}
-    except InputError:
-        raise
-    except (CalamineError, OSError, ValueError, MemoryError) as error:
-        raise InputError(path, "", f"not a spreadsheet that can be read ({one_line(error)})") from error
-    except BaseException as error:  # pyo3's PanicException is no Exception
-        if type(error).__name__ != "PanicException":
-            raise
-        raise InputError(path, "", f"not a spreadsheet that can be read ({one_line(error)})") from error
-    counts = {n: _rows_of_numbers(rows) for n, rows in sheets.items()}
-    full = [n for n in sheets if counts[n] >= FEW] or [n for n in sheets if counts[n]]
-    if len(full) > 1:
-        raise InputError(path, "", f"several sheets hold numbers: name one with `sheet` ({', '.join(full)})")
-    chosen = full[0] if full else next(iter(sheets), "")
-    if not sheets.get(chosen):
-        raise InputError(path, "", "empty: a heading line and rows of numbers are expected")
-    return sheets[chosen], chosen
-
-
-def _read(path: Path, book: Any, name: str) -> list[Row]:
-    sheet = book.get_sheet_by_name(name)
-    refuse_extent(path, f"sheet '{name}'", sheet.total_height, sheet.total_width)
-    return _rows(sheet.to_python(skip_empty_area=False))
-
-
-def _rows(cells: list[list[Any]]) -> list[Row]:
-    return [
-        (i, ["" if c is None else repr(c) if isinstance(c, float) else str(c) for c in row])
-        for i, row in enumerate(cells, start=1)
-        if any(c not in ("", None) for c in row)
-    ]
-
-
-def _rows_of_numbers(rows: list[Row]) -> int:
-    """Rows with at least two numbers, as far as they tell: FEW at most."""
-    found = 0
-    for _, row in rows:
-        numbers = 0
-        for cell in row:
-            with contextlib.suppress(ValueError):
-                float(cell)
-                numbers += 1
-        found += numbers >= 2
-        if found == FEW:
-            break
-    return found
+        done = subprocess.run(
+            [*command, *([] if name is None else [name])],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=WAIT_S,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        done = None
+    if done is None or done.returncode:
+        problem = f"takes more than {MOST_BYTES >> 30} GB or {MOST_S} s to read, or breaks its reader"
+        raise InputError(path, "", f"{problem}: save the table as CSV")
+    answer = json.loads(done.stdout)
+    if "problem" in answer:
+        raise InputError(answer["source"] or path, answer["where"], answer["problem"])
+    return [(i, cells) for i, cells in answer["rows"]], answer["name"]
