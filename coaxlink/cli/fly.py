@@ -28,7 +28,8 @@ def fly(
     plan: Annotated[
         str,
         typer.Option(
-            metavar="PLAN", help="hover, circle, steps, identify, or a PLAN.toml of refine or identify."
+            metavar="PLAN",
+            help="hover, circle, steps, identify, paper, or a PLAN.toml of refine or identify.",
         ),
     ] = "hover",
     height: Annotated[float, typer.Option(metavar="M", help="Height of the named plans.")] = 4.0,

@@ -110,7 +110,10 @@ def _serve(port: int, url: str | None) -> None:
 
         from coaxlink.monitor.web import WebMonitor, bind
     except ImportError as error:
-        problem = "textual-serve is needed, which is not installed: pip install 'coaxlink[web]'"
+        problem = (
+            "textual-serve is needed, which is not installed: pip install 'coaxlink[web]', in a clone "
+            "pip install -e '.[web]'"
+        )
         raise InputError("--web", "", problem) from error
     command = [sys.executable, "-m", "coaxlink", *(a for a in sys.argv[1:] if a != "--web")]
     if url is None or parse_address(url).kind in ("udpout", "tcp"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -53,7 +53,12 @@ def sim(
     ] = False,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[
-        str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
+        str,
+        typer.Option(
+            "--fly",
+            help="Fly without a client: what fly --plan flies (hover, circle, steps, identify, paper, "
+            "PLAN.toml), and vigorous.",
+        ),
     ] = "",
     log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="Keep the flight's log.")] = None,
     tlog: Annotated[
@@ -157,6 +162,7 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
 
 
 def _alone(autopilot: Any, plan: str, log: Path | None, truth_log: Path | None) -> None:
+    from coaxlink.fly.plans import NAMED
     from sim.flights import PLANS, fly, write_flight
     from sim.line.truthlog import TruthLog
 
@@ -165,7 +171,7 @@ def _alone(autopilot: Any, plan: str, log: Path | None, truth_log: Path | None) 
 
         PLANS[plan] = read_plan(Path(plan))
     if plan not in PLANS:
-        raise InputError("--fly", "", f"a plan file or one of {', '.join(PLANS)} is expected, found '{plan}'")
+        PLANS[plan] = named_plan(plan, (*NAMED, "vigorous"))
     true = TruthLog()
     flown = fly(autopilot, plan, true.watch if truth_log is not None else None)
     if truth_log is not None:
@@ -175,6 +181,22 @@ def _alone(autopilot: Any, plan: str, log: Path | None, truth_log: Path | None) 
     if log is not None:
         write_flight(log, flown)
         say(f"{log}: {len(flown['time_s'])} rows, {seconds:.0f} s of flight")
+
+
+def named_plan(plan: str, names: Sequence[str]) -> tuple[Callable[[float], Any], float]:
+    """A plan of `coaxlink fly` at its usual size, as the simulator follows it. Raises InputError."""
+    from coaxlink.fly.plans import HEIGHT_M, REACH_M, plan_of
+    from sim.px4.cascade import Goal
+
+    if plan not in names:
+        raise InputError("--fly", "", f"a plan file or one of {', '.join(names)} is expected, found '{plan}'")
+    flown = plan_of(plan, HEIGHT_M, REACH_M)
+
+    def follow(t: float) -> Goal:
+        at = flown.at(t)[1]
+        return Goal(at.position_m, at.velocity_m_s, at.acceleration_m_s2, at.yaw_rad)
+
+    return follow, flown.duration_s
 
 
 def _record(standin: Any, log: Path | None, tlog: Path | None) -> None:

@@ -1,5 +1,5 @@
-"""What `coaxlink fly` can fly: named plans sized by a height and a reach, and the files of `refine --plan`
-and `identify --next`.
+"""What `coaxlink fly` and `sim --fly` can fly: named plans sized by a height and a reach, and the files of
+`refine --plan` and `identify --next`.
 
 Positions are local NED relative to the place of take-off, headings relative to the one there.
 """
@@ -16,10 +16,20 @@ import numpy as np
 from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
-from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment, Swing, planned_flight
+from coaxlink.fly.trajectory import (
+    Circle,
+    FlightPlan,
+    Hold,
+    Move,
+    Segment,
+    Swing,
+    planned_flight,
+    table_4_flight,
+)
 from coaxlink.mixer.authority import doublet_deg
 from firmware_params.keys import unknown_key
 
+HEIGHT_M, REACH_M = 4.0, 2.0  # of the named plans, where nobody says (cli/fly has them too)
 PERIOD_S = 8.0  # of a lap of the paper's 2 m circle; other radii keep its acceleration
 KEYS = ("height_m", "pieces", "kind", "separates")  # of a file
 PIECE_KEYS = ("what", "seconds", "cycles", "north_m", "east_m", "height_m", "yaw_deg")
@@ -97,6 +107,7 @@ NAMED: dict[str, Callable[..., FlightPlan]] = {
     "circle": circle,
     "steps": steps,
     "identify": identify,
+    "paper": lambda height_m, reach_m: table_4_flight(),
 }
 
 

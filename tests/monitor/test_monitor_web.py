@@ -222,5 +222,6 @@ def test_a_browser_needs_textual_serve(
         main(["monitor", "--web", "--connect", "tcp:127.0.0.1:9"])
     said = capsys.readouterr().err
     assert said == (
-        "coaxlink: --web: textual-serve is needed, which is not installed: pip install 'coaxlink[web]'\n"
+        "coaxlink: --web: textual-serve is needed, which is not installed: "
+        "pip install 'coaxlink[web]', in a clone pip install -e '.[web]'\n"
     )

@@ -6,6 +6,9 @@ import math
 
 import pytest
 
+from coaxlink.cli.sim import named_plan
+from coaxlink.errors import InputError
+from coaxlink.fly.plans import HEIGHT_M, REACH_M, plan_of
 from sim.manoeuvres import read_plan
 
 
@@ -43,3 +46,14 @@ def test_velocity_and_acceleration_belong_to_the_path(tmp_path):
             bend = (after.velocity[k] - before.velocity[k]) / (2 * h)
             assert here.velocity[k] == pytest.approx(slope, abs=1e-5)
             assert here.acceleration[k] == pytest.approx(bend, abs=1e-5)
+
+
+def test_a_name_means_the_same_path_to_the_simulator_and_to_fly():
+    follow, seconds = named_plan("steps", ("steps",))
+    flown = plan_of("steps", HEIGHT_M, REACH_M)
+    assert seconds == flown.duration_s
+    for t in (0.0, 5.0, 9.7, seconds):
+        there = flown.at(t)[1]
+        assert (follow(t).position, follow(t).yaw) == (there.position_m, there.yaw_rad)
+    with pytest.raises(InputError, match="hover"):
+        named_plan("dance", ("hover",))
