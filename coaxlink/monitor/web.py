@@ -1,8 +1,9 @@
 """`coaxlink monitor --web`: the screen in a browser of this machine, and in no other page or program.
 
 Every session is a process of its own with Textual's web driver, which speaks packets over its pipes: a letter
-(D: what a terminal shows, M: a word about the session), four bytes of length, the rest. The page and its
-script are textual-serve's. What keeps others out:
+(D: what a terminal shows, M: a word about the session), four bytes of length, the rest. The terminal on the
+page is textual-serve's, the page is ours: keys as buttons, sized for a phone, a lost session begins anew.
+What keeps others out:
 
     Host, Origin   have to be the address that is served: a name that was bent to 127.0.0.1 or a foreign page
                    gets nothing
@@ -40,6 +41,11 @@ SIDES = ((20, 500), (5, 200))  # columns, rows of a page
 MESSAGE = 1 << 16  # bytes that a browser may say at once
 TEXT = 4096  # bytes kept of what a process said last
 READY = b"__GANGLION__\n"
+KEYS = (  # buttons below the screen: what a phone has no keys for
+    ("Split", "1"), ("Error", "2"), ("Parameters", "3"), ("Messages", "4"), ("Health", "5"), ("Pause", "p"),
+    ("\N{LEFTWARDS ARROW}", "\x1b[D"), ("\N{RIGHTWARDS ARROW}", "\x1b[C"), ("Now", "\x1b[F"),
+    ("+", "+"), ("-", "-"), ("Help", "?"),
+)  # fmt: skip
 
 
 def bind(port: int) -> socket.socket:
@@ -72,7 +78,7 @@ class WebMonitor:
         self._starting = 0
         parts = Path(str(resources("textual_serve")))
         self._static = parts / "static"
-        self._page = jinja2.Template((parts / "templates" / "app_index.html").read_text(), autoescape=True)
+        self._page = jinja2.Template(Path(str(resources("coaxlink.monitor") / "page.html")).read_text())
 
     @property
     def url(self) -> str:
@@ -132,10 +138,7 @@ class WebMonitor:
     async def _index(self, request: web.Request) -> web.Response:
         if full := await self._full():
             return _said(503, full[0].upper() + full[1:])
-        text = self._page.render(
-            config={"static": {"url": "/static/"}}, application={"name": "coaxlink monitor"}, font_size=16,
-            app_websocket_url=f"ws://{self._own}/ws/{self._token}",
-        )  # fmt: skip
+        text = self._page.render(socket=f"ws://{self._own}/ws/{self._token}", keys=json.dumps(KEYS))
         inline = "'self' 'unsafe-inline'"
         policy = (
             f"default-src 'self'; script-src {inline}; style-src {inline}; img-src 'self' data:; "
@@ -249,5 +252,6 @@ def _side(which: int, given: Any) -> int:
 
 
 def _said(status: int, text: str) -> web.Response:
-    page = f"<!DOCTYPE html><title>coaxlink monitor</title><p>{html.escape(text)}</p>"
+    phone = '<meta name="viewport" content="width=device-width,initial-scale=1">'
+    page = f"<!DOCTYPE html>{phone}<title>coaxlink monitor</title><p>{html.escape(text)}</p>"
     return web.Response(status=status, text=page, content_type="text/html")

@@ -9,6 +9,7 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import VerticalScroll
+from textual.events import Key
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
 
@@ -31,6 +32,7 @@ _KEYS = (
     ("← → end", "plots: earlier, later, now"),
     ("+ -", "plots: shorter, longer time (the mouse wheel too)"),
 )
+_MOVING = ("up", "down", "pageup", "pagedown", "home", "end")  # the help, where it is longer than the screen
 _REPLAY = (
     ("space  [ ]", "replay: stop or go on, slower, faster"),
     (", .  < >", "replay: 10 s back, on; 1 min back, on"),
@@ -39,9 +41,7 @@ _REPLAY = (
 
 
 class Help(ModalScreen[None]):
-    """The keys and what the numbers are."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [("escape,question_mark,q,enter,space", "dismiss", "Close")]
+    """The keys and what the numbers are; any key closes it."""
 
     def __init__(self, *, replay: bool = False) -> None:
         super().__init__()
@@ -59,8 +59,16 @@ class Help(ModalScreen[None]):
         )
         for key, what in self._keys:
             text.append_text(Text.assemble("\n", (f"{key:<12}", "bold"), what))
+        text.append("\n\nany key closes this (the arrows and Page Up, Down move it)", "bold")
         with VerticalScroll(id="help"):
             yield Static(text)
+
+    def on_key(self, event: Key) -> None:
+        """Close, but for keys that move the text, and give the key to nobody else."""
+        if event.key not in _MOVING:
+            event.stop()
+            event.prevent_default()
+            self.dismiss()
 
 
 def parse_time(text: str) -> float | None:
