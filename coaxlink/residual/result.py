@@ -6,6 +6,7 @@ they are judged by has not seen.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -194,6 +195,11 @@ class Refinement:
     def __repr__(self) -> str:
         names = ", ".join(e.name for e in self.effects) or "no effect"
         return f"Refinement({self.kind}, {self.verdict}: {names}, {len(self.channels)} channels)"
+
+    def _repr_html_(self) -> str:
+        """For a notebook: what is printed, and the picture."""
+        # by name: the report stands above this room
+        return str(importlib.import_module("coaxlink.report.notebook").html_of(self))
 
     def __str__(self) -> str:
         """The answer: what was found with its numbers, what stays open, and the errors before and after."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,6 +94,11 @@ class Identification:
             if name not in COAXIAL
         ]
         return "\n".join([rows, str(self.model), *errors])
+
+    def _repr_html_(self) -> str:
+        """For a notebook: what is printed, and the picture."""
+        # by name: the report stands above this room
+        return str(importlib.import_module("coaxlink.report.notebook").html_of(self))
 
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""

@@ -7,6 +7,7 @@ upper rotor with u_l = 0. Effects found in measured data travel with the model a
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -77,6 +78,11 @@ class RotorModel:
         terms = sum(len(self.surface(load).coefficients) for load in Load)
         effects = f", effects: {', '.join(e.name for e in self.effects)}" if self.effects else ""
         return f"RotorModel({self.form}, {terms} terms, u = 1 at {self.speed_max_rpm:g} rpm{effects})"
+
+    def _repr_html_(self) -> str:
+        """For a notebook: what is printed, and the picture."""
+        # by name: the report stands above this room
+        return str(importlib.import_module("coaxlink.report.notebook").html_of(self))
 
     def __str__(self) -> str:
         """The model as equations with their units."""
