@@ -163,9 +163,9 @@ def _doubt(ch: Channels, found: Posterior, group: Group) -> Ambiguous:
         if plan
         else "no run inside what this log has seen tells them apart: record more of what each needs"
     )
-    held = np.array([max(found.of(name), 1e-9) for name in group.names])
-    shares = tuple(round(group.probability * float(p), 4) for p in held / np.sum(held))
-    return Ambiguous(group.names, told, plan, shares)
+    held = np.array([max(found.of(name), 1e-9) for name in group.names[1:]])
+    others = (group.probability - group.first) * held / np.sum(held)
+    return Ambiguous(group.names, told, plan, tuple(round(float(p), 4) for p in (group.first, *others)))
 
 
 def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexplained]:

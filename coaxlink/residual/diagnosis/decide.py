@@ -30,8 +30,9 @@ WAYS = ("raw", "tempered", "own")
 class Group:
     """Names of which one is there, and the log does not say which."""
 
-    names: tuple[str, ...]
-    probability: float
+    names: tuple[str, ...]  # that of the leading set first
+    probability: float  # of any of them
+    first: float  # of the first
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def decided(ch: Channels, found: Posterior) -> Decision:
         if alone >= level["name"]:
             claimed[name] = alone
         elif together >= level["group"]:
-            groups.append(Group((name, *rivals), together))
+            groups.append(Group((name, *rivals), together, min(alone, together)))
         else:
             withheld[name] = alone
     said = {*claimed, *(n for g in groups for n in g.names)}
