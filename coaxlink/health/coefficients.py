@@ -127,7 +127,7 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
         for log in logs:
             check_poles(log, airframe, prior)
         logs = [_by_speed(log, airframe, prior.speed_max_rpm) for log in logs]
-        notes += ("what a command means in speed is told by the ESCs' rpm",)
+        notes += ("what a command means in speed is known by the ESCs' rpm",)
     else:
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2

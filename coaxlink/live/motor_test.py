@@ -219,7 +219,7 @@ def _order(session: Session) -> tuple[int, ...]:
             return own_matrix(script.decode("utf-8", "replace"), {"FRAME_CLASS": frame}).order
         return motor_test_sequence(frame, int(read.get("FRAME_TYPE", 0)))
     except TableError as e:
-        raise SafetyRefusal(f"{e}: in which order this frame tests its motors cannot be told") from None
+        raise SafetyRefusal(f"{e}: in which order this frame tests its motors is not known") from None
 
 
 def _turn(session: Session, number: int, test_number: int, throttle: float) -> None:

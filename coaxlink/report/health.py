@@ -64,7 +64,7 @@ def remarks(health: Health) -> Iterator[str]:
     if health.payload > GROUND:
         yield f"the centre of mass was elsewhere in one flight ({_percent(health.payload)}): payload, pack?"
     yield (
-        f"a rotor that loses {100 * health.detects:.0f} % would be told by these flights"
+        f"a rotor that loses {100 * health.detects:.0f} % would be seen in these flights"
         + ("" if len(health.flights) > 1 else "; a sound flight before it (health OLD NEW) tells far more")
     )
     yield (

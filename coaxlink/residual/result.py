@@ -209,7 +209,7 @@ class Refinement:
                 f"{p.name} {p.value:.3g} ({p.ci[0]:.3g} .. {p.ci[1]:.3g}) {p.unit}" for p in e.parameters
             )
             lines.append(f"{e.name} in {', '.join(e.channels)}: {numbers}")
-        lines += [f"{' or '.join(a.names)}: told apart by {a.separate_by}" for a in self.ambiguous]
+        lines += [f"{' or '.join(a.names)}: separated by {a.separate_by}" for a in self.ambiguous]
         lines += [f"{s.column} ({s.rows}): {s.why}" for s in self.suspect_data]
         lines += [f"{u.channel} still follows {', '.join(u.depends_on)}" for u in self.unexplained]
         lines += [
