@@ -15,21 +15,23 @@ from coaxlink.residual.result import Refinement, Series
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+SIZE = 12  # points: 11 px where 6.4 inches are 400 px
 LOG_GAP_S = 2.0  # drawn between logs and pieces of a log, which stand one after another
 
 
 def overview_figure(result: Refinement, stamp: str = "") -> Any:
-    """Each touched channel's residual over time and over the cause of its effect; `stamp` below it."""
+    """Each touched channel's residual over time, and below over its effect's cause; `stamp` under all."""
     series = _series(result)
     shown = _rows(result)
-    figure = new_figure(11.0, 1.0 + 2.3 * len(shown))
-    axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(3, 2))
+    figure = new_figure(6.4, 1.0 + 4.4 * len(shown))
+    axes = figure.subplots(2 * len(shown), 1, squeeze=False)[:, 0]
     for i, (channel, effect) in enumerate(shown):
-        _over_time(axes[i, 0], result, series, channel)
-        _over_cause(axes[i, 1], result, series, channel, effect)
-    axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8)
-    axes[-1, 0].set_xlabel("time in the log, pauses shortened, s", fontsize=9)
-    figure.suptitle(words(_title(result)), x=0.01, ha="left", fontsize=11)
+        _over_time(axes[2 * i], result, series, channel)
+        _over_cause(axes[2 * i + 1], result, series, channel, effect)
+    axes[0].legend(loc="best", fontsize=SIZE - 1)
+    figure.suptitle(words(_title(result)), x=0.01, ha="left", fontsize=SIZE + 1)
+    for one in axes:
+        one.tick_params(labelsize=SIZE - 1)
     return stamped(figure, stamp)
 
 
@@ -54,14 +56,15 @@ def errors_figure(result: Refinement, stamp: str = "") -> Any:
     axis.set_xscale("log")
     axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
     axis.set_xlabel(
-        "RMS error on rows the fit did not use, in noise floors (1: nothing left to explain)", fontsize=9
+        "RMS error on rows the fit did not use, in noise floors (1: all explained)", fontsize=SIZE - 1
     )
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(
         "{x:g}" if max(axis.get_xlim()) < 10 * max(min(axis.get_xlim()), 1e-9) else ""
     )
-    axis.legend(frameon=False, fontsize=8)
+    axis.legend(frameon=False, fontsize=SIZE - 1)
     plain_axis(axis)
+    axis.tick_params(labelsize=SIZE - 1)
     return stamped(figure, stamp)
 
 
@@ -76,7 +79,7 @@ def _rows(result: Refinement) -> list[tuple[str, str | None]]:
     out: list[tuple[str, str | None]] = []
     for effect in result.effects:
         gain = {c: before / max(after, 1e-12) for c, (before, after) in effect.rmse.items()}
-        best = sorted(gain, key=lambda c: -gain[c])[:2]
+        best = sorted(gain, key=lambda c: -gain[c])[: 2 if len(result.effects) == 1 else 1]
         out += [(c, effect.name) for c in best]
     if out:
         return out[:6]
@@ -98,10 +101,11 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> 
             np.insert(time, gaps, np.nan),
             np.insert(values, gaps, np.nan),
             **look.line,
-            lw=0.9,
+            lw=1.1,
             label=label,
         )
-    axis.set_ylabel(_axis_words(result, channel, "\n"), fontsize=9)
+    axis.set_title(_axis_words(result, channel, ", "), fontsize=SIZE, loc="left")
+    axis.set_xlabel("time in the log, pauses shortened, s", fontsize=SIZE)
     plain_axis(axis)
 
 
@@ -126,8 +130,9 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
         axis.plot(*zip(*middles, strict=True), ls="-", ms=3, lw=1.4, **look.points)
     axis.axhline(0.0, color=GREY, lw=0.8)
-    axis.set_xlabel(words(cause_words(label)), fontsize=9)
-    axis.set_title(words(effect.replace("_", " ")), fontsize=9, loc="left")
+    axis.set_xlabel(words(cause_words(label)), fontsize=SIZE)
+    title = f"{channel_words(channel)} over the cause: {effect.replace('_', ' ')}"
+    axis.set_title(words(title), fontsize=SIZE, loc="left")
     plain_axis(axis)
 
 
