@@ -10,6 +10,7 @@ import pytest
 from case_table import case_table
 
 from coaxlink.data import is_flight_log, read_flight_log
+from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.data.logs.dataflash import dataflash_parameters, dataflash_texts
 from coaxlink.errors import InputError
 
@@ -93,6 +94,8 @@ def test_a_torn_line_inside_is_damage_and_a_printout_is_answered(tmp_path: Path)
     path = tmp_path / "flight.log"
     path.write_text(as_text(rows()).replace("RCOU, 3000000, 1550, 1450", "RCOU, 3000000, 15"))
     assert read_flight_log(path).premises == ("damaged",)
+    with pytest.raises(InputError, match="the file is damaged"):  # none of it goes to a board or vehicle file
+        read_board_parameters(path)
     path.write_text("2024-05-01 10:00:00.10: ATT {TimeUS : 100, Roll : 0.1}\n")
     with pytest.raises(InputError, match=r"printout of mavlogdump: the \.bin or \.tlog"):
         read_flight_log(path)

@@ -45,8 +45,8 @@ class Reader:
         self.said: dict[str, tuple[str, str]] = {}
 
     def start(self, *arguments: str) -> None:
-        """A vehicle on the line, instead of the last one."""
-        self.address = f"udpout:127.0.0.1:{self.stack.enter_context(standin(*arguments))}"
+        """A vehicle on the line, instead of the last one; in flight it waits for a busy machine."""
+        self.address = f"udpout:127.0.0.1:{self.stack.enter_context(standin('--lockstep', *arguments))}"
 
     def follow(self, page: str) -> None:
         """Type a page from top to bottom."""

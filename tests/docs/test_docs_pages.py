@@ -10,12 +10,14 @@ import typer
 from pages import DOCS, ROOT, Reader, blocks, typed_lines
 
 from coaxlink.cli import build_app
+from coaxlink.fly import commands, flight
 from coaxlink.rotor import load_rotor_model
 
 FOLLOWED = ("tutorial.md", *sorted(f"howto/{p.name}" for p in (DOCS / "howto").glob("*.md")))
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md"))]
 STAND = DOCS / "howto" / "own_stand.md"
 MAX_RPM = 5500.0
+PATIENCE_S = 300.0  # with a stand-in that a busy machine does not let run
 
 
 def loads(upper, lower):
@@ -51,6 +53,8 @@ def write_stand(path):
 def reader(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+    monkeypatch.setattr(commands, "SILENCE_S", PATIENCE_S)
+    monkeypatch.setattr(flight, "SILENCE_S", PATIENCE_S)
     with ExitStack() as stack:
         yield Reader(tmp_path, capsys, stack)
 

@@ -255,5 +255,6 @@ MAKERS = {
     "schedule": _copied("schedule_poor.toml"),
     "flight plan": _written("plan.toml", FLIGHT_PLAN),
     "rotor of blades": _blades,
+    "campaign": _copied("campaign_laws.toml", "x8_demo.toml", "rotor_paper.toml"),
     "world's memory": _memory,
 }  # fmt: skip

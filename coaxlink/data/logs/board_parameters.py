@@ -17,7 +17,8 @@ from firmware_params.reading import ARDUPILOT, PX4, ParamsFile, firmware_of, rea
 def read_board_parameters(path: Path, *, telling: bool = False) -> ParamsFile:
     """Of a file in any form of `firmware_params.reading`, a ULog, a DataFlash log or a tlog.
 
-    With `telling` the names must say whose they are. Raises InputError with the line.
+    With `telling` the names must say whose they are. Raises InputError with the line; for a damaged ULog or
+    DataFlash log, whose messages have no checksum.
 
     >>> read_board_parameters(Path("/dev/null"))  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -41,7 +42,7 @@ def _of_log(path: Path, kind: str) -> ParamsFile:
     if kind == "ulog":
         from coaxlink.data.logs.ulog import ulog_parameters
 
-        return ParamsFile(ulog_parameters(path), PX4)
+        return ParamsFile(ulog_parameters(path, whole=True), PX4)
     if kind == "tlog":
         from coaxlink.data.logs.tlog import tlog_parameters
 
@@ -50,4 +51,5 @@ def _of_log(path: Path, kind: str) -> ParamsFile:
         return replace(found, firmware=firmware_of(path, params))
     from coaxlink.data.logs.dataflash import dataflash_parameters
 
-    return ParamsFile({n: float(v) for n, v in dataflash_parameters(path).items()}, ARDUPILOT)
+    params = dataflash_parameters(path, whole=True)
+    return ParamsFile({n: float(v) for n, v in params.items()}, ARDUPILOT)

@@ -29,7 +29,7 @@ from coaxlink.data.logs.outputs import (
 )
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merge, possible, rows_of, series
 from coaxlink.data.quiet import one_line, silenced
-from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
+from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, PREMISES, Samples
 from coaxlink.errors import InputError
 
 TYPES = (
@@ -81,9 +81,15 @@ def read_dataflash(path: Path) -> Samples:
     return replace(samples, motors=tuple(o.motor for o in outputs), parameters=parameters)
 
 
-def dataflash_parameters(path: Path) -> dict[str, float]:
-    """The parameters an ArduPilot log holds, the last value of each. Raises InputError."""
-    first, changes = _set(_read(path, ("PARM",))[0].get("PARM", []))
+def dataflash_parameters(path: Path, *, whole: bool = False) -> dict[str, float]:
+    """The parameters an ArduPilot log holds, the last value of each.
+
+    Raises InputError, with `whole` for a damaged log too.
+    """
+    found, damaged = _read(path, ("PARM",))
+    if whole and damaged:
+        raise InputError(path, "", PREMISES[DAMAGED])
+    first, changes = _set(found.get("PARM", []))
     return first | {name: value for _, name, value in changes}
 
 

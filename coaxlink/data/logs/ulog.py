@@ -31,7 +31,7 @@ from coaxlink.data.logs.outputs import (
 )
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, possible, series
 from coaxlink.data.quiet import one_line, silenced
-from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
+from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, PREMISES, Samples
 from coaxlink.errors import InputError
 from firmware_params import bounded
 
@@ -56,8 +56,7 @@ def read_ulog(path: Path) -> Samples:
     outputs, escs = (instances.get(name, []) for name in ("actuator_outputs", "esc_status"))
     notes: list[str] = []
     parameters = _parameters(log)
-    spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
-    premises = [DAMAGED] * (spoiled or bool(log.file_corruption) or _is_torn_inside(path))
+    premises = [DAMAGED] * _is_damaged(log, path)
     maps = px4_maps(parameters)
     motors = read_in_periods(
         periods(_numbers(log.initial_parameters), _changes(log)),
@@ -87,9 +86,12 @@ def read_ulog(path: Path) -> Samples:
     )
 
 
-def ulog_parameters(path: Path) -> dict[str, float | int]:
-    """The parameters a PX4 log begins with. Raises InputError."""
-    return _numbers(_open(path).initial_parameters)
+def ulog_parameters(path: Path, *, whole: bool = False) -> dict[str, float | int]:
+    """The parameters a PX4 log begins with. Raises InputError, with `whole` for a damaged log too."""
+    log = _open(path)
+    if whole and _is_damaged(log, path):
+        raise InputError(path, "", PREMISES[DAMAGED])
+    return _numbers(log.initial_parameters)
 
 
 def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
@@ -155,6 +157,11 @@ def _open(path: Path) -> Any:
     except Exception as error:  # pyulog lets whatever a damaged file causes through
         raise InputError(path, "", f"not a readable ULog file ({one_line(error)})") from error
     return log
+
+
+def _is_damaged(log: Any, path: Path) -> bool:
+    spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
+    return spoiled or bool(log.file_corruption) or _is_torn_inside(path)
 
 
 def _is_torn_inside(path: Path) -> bool:
