@@ -81,7 +81,6 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
         "my_x8.png",
         "my_x8.toml",
         "from_board.toml",
-        "next.toml",
         "tables_px4/vehicle/airframe.toml",
     ):
         assert (tmp_path / name).stat().st_size > 0

@@ -115,7 +115,9 @@ def readers() -> dict[str, Callable[[Path], object]]:
         "airframe of the world": read_vehicle,
         "rotor model": rotor,
         "rotor of the world": read_pair,
-        **dict.fromkeys(("stand CSV", "stand sheet", "flight CSV", "ULog", "DataFlash", "tlog"), log),
+        **dict.fromkeys(
+            ("stand CSV", "stand sheet", "flight CSV", "flown CSV", "ULog", "DataFlash", "tlog"), log
+        ),
         "column map": column_map,
         ".params table": plan,
         ".param table": plan,

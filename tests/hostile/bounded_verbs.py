@@ -16,7 +16,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 AT_NOBODY = "--connect udpout:127.0.0.1:9 --timeout 0.1"
 X8 = f"{EXAMPLES}/x8_demo.toml"
 ROTOR = f"{EXAMPLES}/rotor_paper.toml"
-LOGS = ("flight CSV", "ULog", "DataFlash", "tlog", "live record")
+LOGS = ("flown CSV", "flight CSV", "ULog", "DataFlash", "tlog", "live record")
 ON_LOGS = (
     f"health FILE --airframe {X8} --json o.json",
     f"refine FILE --airframe {X8} --workers 1 --out r.toml",
@@ -27,25 +27,25 @@ LINES: tuple[tuple[str, str], ...] = (
     ("airframe", "airframe FILE"),
     ("airframe", "table FILE --firmware px4 --out out"),
     ("airframe", "table FILE --firmware ardupilot --out out"),
-    ("airframe", "allocate FILE --law exact --json o.json"),
+    ("airframe", "allocate FILE --law exact --wrench 196,1,1,0.2 --json o.json"),
     ("airframe", "compare FILE --rows 10"),
     ("airframe", "bridge FILE --out out"),
     ("airframe", "mix FILE --connect udpout:127.0.0.1:9 --seconds 0.2 --lost 1"),
     ("airframe", f"motors FILE {AT_NOBODY}"),
     ("rotor model", f"table {X8} --rotor FILE --firmware px4 --law reduced --out out"),
-    ("rotor model", f"allocate {X8} --rotor FILE --law exact"),
+    ("rotor model", f"allocate {X8} --rotor FILE --law exact --wrench 196,1,1,0.2"),
     ("stand CSV", "identify FILE --form rcrm --out r.toml"),
     ("stand CSV", "identify --single FILE --diameter 0.66 --pitch 0.2 --spacing 0.1 --out r.toml"),
     ("stand CSV", "refine FILE --workers 1 --out r.toml"),
     ("stand sheet", "identify FILE --form rcrm --out r.toml"),
     ("column map", "identify STAND --columns FILE --form rcrm --out r.toml"),
     *((kind, line) for kind in LOGS for line in ON_LOGS),
-    ("flight CSV", f"identify FILE --airframe {X8} --rotor {ROTOR} --out r.toml"),
+    ("flown CSV", f"identify FILE --airframe {X8} --rotor {ROTOR} --out r.toml"),
     *(
         (kind, "init new.toml --mass 20 --arm 0.4 --spacing 0.1 --from FILE")
         for kind in ("ULog", "DataFlash", ".params table", ".param table", "board for init")
     ),
-    ("matrix script", "init new.toml --mass 20 --from PARAM --script FILE"),
+    ("matrix script", "init new.toml --mass 20 --arm 0.4 --spacing 0.1 --from PARAM --script FILE"),
     *((kind, f"upload FILE --yes {AT_NOBODY}") for kind in (".params table", ".param table")),
     *((kind, f"verify FILE {AT_NOBODY}") for kind in (".params table", ".param table")),
     *((kind, f"restore FILE --yes {AT_NOBODY}") for kind in ("backup PX4", "backup ArduPilot")),

@@ -133,6 +133,21 @@ def _flown(kind: str):
     return make
 
 
+def _flown_csv(folder: Path) -> Path:
+    """A flight of some seconds at 25 Hz: long enough to be judged."""
+    from sim.flights import PLANS, fly, write_flight
+    from sim.manoeuvres import read_plan
+    from sim.px4.autopilot import Autopilot
+    from sim.world import World, build_plant
+
+    plan = _written("plan.toml", FLIGHT_PLAN)(folder)
+    PLANS["short"] = read_plan(plan)
+    plan.unlink()
+    flown = fly(Autopilot(*build_plant(World(EXAMPLES / "x8_demo.toml"))), "short")
+    write_flight(folder / "flown.csv", {name: column[::5] for name, column in flown.items()})
+    return folder / "flown.csv"
+
+
 def px4_params() -> dict[str, float | int]:
     """A table of four rotors."""
     rotor = [px4.RotorEntry((x, y, 0.0), (0.0, 0.0, -1.0), 20.0, k) for x, y, k in CROSS]
@@ -234,6 +249,7 @@ MAKERS = {
     "stand sheet": lambda folder: _written("s.xlsx", sheet_rows(stand_rows()))(folder),
     "column map": _written("map.toml", COLUMN_MAP),
     "flight CSV": lambda folder: _written("f.csv", flight_rows())(folder),
+    "flown CSV": _flown_csv,
     "ULog": _flown("ulg"),
     "DataFlash": _flown("bin"),
     "tlog": lambda folder: _written("f.tlog", tlog())(folder),
