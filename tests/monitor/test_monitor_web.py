@@ -23,6 +23,7 @@ from coaxlink.errors import InputError
 from coaxlink.monitor import web
 from coaxlink.monitor.screen.app import Monitor
 
+WAIT_S = 120.0  # for a machine with other things to do
 # as Textual's web driver speaks: what it is sent it says again
 ECHO = r"""
 import sys
@@ -58,7 +59,7 @@ class Served:
             return error.status
 
     async def until_running(self, count: int) -> None:
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(WAIT_S):
             while len(self.monitor._running) != count:
                 await asyncio.sleep(0.01)
 
@@ -91,7 +92,7 @@ async def shown(page: Any, part: bytes) -> bytes:
     """What a page got, until this was in it."""
     got = b""
     while part not in got:
-        said = await page.receive(10.0)
+        said = await page.receive(WAIT_S)
         assert said.type == WSMsgType.BINARY, (said, got)
         got += said.data
     return got
@@ -164,7 +165,7 @@ def test_what_a_browser_says_is_keys_and_bounded_sizes() -> None:
         size = (await shown(page, b"}")).partition(b"M")[2]
         assert json.loads(size) == {"type": "resize", "width": 500, "height": 200}
         await page.send_json(["stdin", "q"])  # as it ends by itself, so does its page
-        assert (await page.receive(10.0)).type == WSMsgType.CLOSE
+        assert (await page.receive(WAIT_S)).type == WSMsgType.CLOSE
         await page.close()
         for rubbish in (
             "",
@@ -178,7 +179,7 @@ def test_what_a_browser_says_is_keys_and_bounded_sizes() -> None:
         ):
             page = await s.open()
             await page.send_str(rubbish)
-            while (said := await page.receive(10.0)).type == WSMsgType.BINARY:
+            while (said := await page.receive(WAIT_S)).type == WSMsgType.BINARY:
                 pass
             assert said.type == WSMsgType.CLOSE, rubbish
             await page.close()

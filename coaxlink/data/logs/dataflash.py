@@ -86,7 +86,7 @@ def dataflash_parameters(path: Path, *, whole: bool = False) -> dict[str, float]
 
     Raises InputError, with `whole` for a damaged log too.
     """
-    found, damaged = _read(path, ("PARM",))
+    found, damaged = _read(path, (*TYPES, "PARM") if whole else ("PARM",))
     if whole and damaged:
         raise InputError(path, "", PREMISES[DAMAGED])
     first, changes = _set(found.get("PARM", []))
