@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.shell import say
+from coaxlink.cli.shared.shell import say, talk
 
 
 def report(
@@ -37,7 +37,11 @@ def report(
     page = out or Path(f"{logs[0].stem}.html")
     files.refuse_unwritable(page)
     vehicle = load_vehicle(airframe, rotor) if airframe else None
-    flights = [flight_charts(log, vehicle) for log in logs]
+    flights = []
+    with talk().status("reading") as status:
+        for log in logs:
+            status.update(f"reading {log.name}")
+            flights.append(flight_charts(log, vehicle))
     made = Made.now(
         [f for f in (*logs, airframe, rotor) if f is not None], vehicle.airframe.name if vehicle else ""
     )
@@ -48,7 +52,8 @@ def report(
     if vehicle is None:
         say(f"next: coaxlink report {' '.join(map(str, logs))} --airframe X8.toml")
     else:
-        say(f"next: coaxlink refine {logs[0]} --airframe {airframe} says why thrust or torque is off")
+        rotors = f" --rotor {rotor}" if rotor else ""
+        say(f"next: coaxlink refine {logs[0]} --airframe {airframe}{rotors} says why thrust or torque is off")
 
 
 def register(app: typer.Typer) -> None:
