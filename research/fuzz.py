@@ -1,6 +1,7 @@
 """Spoiled files through every reader and every verb's command line: done, or refused in one line.
 
     python research/fuzz.py [--files 5000] [--seed 0] [--what readers|verbs] [--only NAME] [--small]
+        [--seconds S]
 
 No traceback, no death of the process, at most 1 GB and 30 s of CPU: each runs in a child that has no more.
 Deterministic: file N of a kind is the same file always. A quarter of the verbs' lines have a sound file and
@@ -11,9 +12,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import random
 import sys
 import tempfile
+import time
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -33,6 +36,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--files", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=math.inf, help="count what was run until then")
     parser.add_argument("--what", choices=("readers", "verbs"), help="by default both, verbs thrice as often")
     parser.add_argument("--only", default="", metavar="NAME", help="only those whose name begins so")
     parser.add_argument("--json", type=Path)
@@ -40,12 +44,15 @@ def main() -> None:
     o = parser.parse_args()
     o.files = 200 if o.small else o.files
     outcomes: list[Outcome] = []
+    end = time.monotonic() + o.seconds
     with tempfile.TemporaryDirectory() as scratch:
         cases = drawn(list(verbs(sound_files(Path(scratch)))), o)
-        for outcome in run(sorted(cases), Path(scratch)):
+        for outcome in run(cases, Path(scratch)):
             outcomes.append(outcome)
             if outcome.result in BAD:
                 print(f"{outcome.result}: {outcome.kind} {outcome.number}: {outcome.text}", flush=True)
+            if time.monotonic() > end:
+                break
     print(table(outcomes))
     if o.json:
         o.json.write_text(json.dumps([asdict(outcome) for outcome in outcomes]))
