@@ -58,3 +58,9 @@ def test_outputs_are_looked_at_first(folder: Path, capsys: pytest.CaptureFixture
     assert {path: path.lstat().st_ino for path in folder.iterdir()} == {
         path: about.st_ino for path, about in before.items()
     }
+
+
+def test_a_name_that_is_too_long_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["campaign", str(example("campaign_laws.toml")), "--dry-run", "--out", "x" * 5000]
+    assert run(build_app(), line) == 2
+    assert "too long" in capsys.readouterr().err
