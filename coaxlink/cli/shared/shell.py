@@ -107,7 +107,7 @@ def _run(app: typer.Typer, arguments: Sequence[str]) -> int:
             say(f"coaxlink: {_unwritten() or f'{what} cannot be written ({error.strerror})'}")
             return InputError.exit_code
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            say(f"coaxlink: '{str(error.filename)[:40]}...': a file's name is too long for this system: shorten it")
+            say(f"coaxlink: '{str(error.filename)[:40]}...': too long for the name of a file on this system")
             return InputError.exit_code
         # typer's usage errors, whichever click they come from, know their own text and exit code
         if not hasattr(error, "format_message"):
