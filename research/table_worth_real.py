@@ -1,13 +1,19 @@
-"""What a mixer table is worth on the real PX4: each table through the same flight, again and again.
+"""What a mixer table, or the exact law on board, is worth on the real PX4: each through the same flight.
 
-    PX4_SITL=.../bin/px4 python research/table_worth_real.py [--repeats 3] [--stock] [--json F]
+    PX4_SITL=.../bin/px4 python research/table_worth_real.py [--repeats 3] [--ways standard fitted ...]
+        [--module BINARY] [--stock] [--json F]
 
 PX4's own SITL flies our plant over the lock-step bridge (`coaxlink sim --bridge px4`, here with a recorder at
 the plant). One flight a table and repeat: take-off with 5 kg too much, the load dropped in hover, hover at
-the own mass, the paper's circle, 90 degrees of yaw there and back. Power, height and yaw are the plant's
-truth; attitude error and thrust demand are PX4's ATTITUDE_TARGET. Tables are tuned alike (the
-vertical gains divided by the table's own); `--stock` leaves them as PX4 ships them. Differences are paired by
-repeat, whose number is the seed of the sensors' noise. About a minute a flight on a free core.
+the own mass, the paper's circle, 90 degrees of yaw there and back, then a load that grows by 2 kg a second
+until it sinks half a metre: the ceiling. Power, height, place and yaw are the plant's truth; attitude error
+and thrust demand are PX4's ATTITUDE_TARGET. Tables are tuned alike (the vertical gains divided by the table's
+own); `--stock` leaves them as PX4 ships them. Differences are paired by repeat, whose number is the seed of
+the sensors' noise. About a minute a flight on a free core.
+
+`module` and `companion` are the exact law in the module that `coaxlink bridge --firmware px4` writes
+(PX4_MODULE_SITL or --module names the binary it was built into), alone and answered by `LiveMixer` over
+MAVLink. The companion's flights are at real time and in the real-time class.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +38,13 @@ from pymavlink.dialects.v20 import common as m
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import CoaxlinkError
 from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment
+from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.onboard.description import board_law
 from coaxlink.mavlink import connect
+from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.px4 import px4_table
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, load_vehicle
 from firmware_params import px4
 from sim.bridge.px4_hil import Px4Bridge
 from sim.effects import FORMS, HiddenEffect
@@ -49,10 +58,10 @@ from sim.vehicle import read_vehicle
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "real"))
-from real_autopilots import Px4, free_instance, take_off  # noqa: E402
+from real_autopilots import Px4, free_instance, real_time, take_off  # noqa: E402
 
-TABLES = ("standard", "curved", "fitted")
-LOAD_KG = 5.0
+TABLES, ON_BOARD = ("standard", "curved", "fitted"), ("module", "companion")
+LOAD_KG, GROWS_KG_S, SUNK_M = 5.0, 2.0, 0.5
 HERE, RIM, HEADING = (0.0, 0.0, -3.0), (2.0, 0.0, -3.0), 0.5 * math.pi
 FLIGHT: tuple[Segment, ...] = (
     Hold("loaded", HERE, 8.0),
@@ -64,6 +73,7 @@ FLIGHT: tuple[Segment, ...] = (
     Hold("calm", HERE, 4.0),
     Hold("yaw", HERE, 5.0, HEADING),
     Hold("yaw back", HERE, 5.0),
+    Hold("ceiling", HERE, 30.0),
 )
 NAMES = [segment.name for segment in FLIGHT]
 BEFORE_S = 2.0  # an estimator's height wanders by decimetres: a disturbance is judged from just before it
@@ -71,6 +81,8 @@ BEFORE_S = 2.0  # an estimator's height wanders by decimetres: a disturbance is 
 FIGURES = {
     "power in hover": ("W at the shafts", 1), "power in the circle": ("W at the shafts", 1),
     "thrust demand in hover": ("", 4),
+    "ceiling": ("kg", 1), "place in the circle, rms": ("m", 3),
+    "yaw acceleration in yaw steps, most of 0.1 s": ("rad/s2", 2),
     "height in hover, rms": ("m", 3), "height in the circle, rms": ("m", 3),
     "height after the drop, most": ("m", 3), "height in yaw steps, most": ("m", 3),
     "attitude in hover, rms": ("deg", 3), "attitude in the circle, rms": ("deg", 3),
@@ -83,7 +95,8 @@ class Watched(Truth):
 
     def __init__(self, now: Any) -> None:
         super().__init__((HiddenEffect("mass_change", LOAD_KG),))
-        self.now, self.loaded = now, True
+        self.now, self.loaded, self.grown_s = now, True, 0.0
+        # segment, s, down m, yaw rad, W, north m, east m, rad/s2, kg
         self.rows: list[tuple[float, ...]] = []
 
     def act(self, plant: Plant) -> None:
@@ -94,17 +107,24 @@ class Watched(Truth):
         if self.loaded and NAMES[segment] == "drop":
             FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", -LOAD_KG))
             self.loaded = False
+        if NAMES[segment] == "ceiling":
+            since, self.grown_s = plant.time_s - (self.grown_s or plant.time_s), plant.time_s
+            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", GROWS_KG_S * since))
         shaft = float(plant.torque @ plant.speeds) * plant.pair.speed_max_rpm * math.pi / 30.0
         w, x, y, z = plant.quaternion.tolist()
-        self.rows.append((segment, plant.time_s, float(plant.position[2]), euler((w, x, y, z))[2], shaft))
+        north, east, down = plant.position.tolist()
+        turning, mass = plant.out[plant.index.O_ALPHA + 2], plant.parameters[plant.index.MASS]
+        self.rows.append(
+            (segment, plant.time_s, down, euler((w, x, y, z))[2], shaft, north, east, turning, mass)
+        )
 
 
-def world(airframe: Path, port: int, seed: int, now: Any, over: Any, pipe: Any) -> None:
+def world(airframe: Path, port: int, seed: int, speed: float, now: Any, over: Any, pipe: Any) -> None:
     """The plant's process: serve PX4 until `over`, then give the rows."""
     vehicle = read_vehicle(airframe)
     assert vehicle.rotor_file is not None
     plant, truth = Plant(vehicle, read_pair(vehicle.rotor_file)), Watched(now)
-    bridge = Px4Bridge(plant, truth, port=port, seed=seed)
+    bridge = Px4Bridge(plant, truth, port=port, seed=seed, speed=speed)
     pipe.send("ready")
     try:
         bridge.run(over.is_set)
@@ -113,14 +133,31 @@ def world(airframe: Path, port: int, seed: int, now: Any, over: Any, pipe: Any) 
     pipe.send((np.array(truth.rows), bridge.status()))
 
 
+class OnBoard:
+    """The module's law to tune for: a demand is a wrench."""
+
+    def __init__(self, table: Any, vehicle: Vehicle) -> None:
+        self._table, self._law, self._wrench = table, make_law("exact", vehicle), board_law(vehicle).wrench
+
+    def command(self, *demand: float) -> NDArray[np.float64]:
+        """See Mixing."""
+        return self._law.speeds(self._wrench @ demand)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._table, name)
+
+
 def settings(airframe: Path, law: str, stock: bool) -> dict[str, float]:
     """PX4's parameters of a table, its outputs, and the gains its owner would tune for it."""
     frame = load_airframe(airframe)
     assert frame.rotor_model is not None
-    table = px4.table_to_params(px4_table(Vehicle(frame, load_rotor_model(frame.rotor_model)), law))
+    on = "standard" if law in ON_BOARD else law  # the table only says where the rotors are
+    table = px4.table_to_params(px4_table(Vehicle(frame, load_rotor_model(frame.rotor_model)), on))
     vehicle = read_vehicle(airframe)
     assert vehicle.rotor_file is not None
     owner = Autopilot(Plant(vehicle, read_pair(vehicle.rotor_file)), Truth())
+    if law in ON_BOARD:
+        owner.mixer = OnBoard(owner.mixer, Vehicle(frame, load_rotor_model(frame.rotor_model)))
     owner.store.recall(table)
     outputs = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, vehicle.rotors + 1)}
     # a busy machine sends late: waited for, not answered by PX4's failsafe in the middle of a trial
@@ -129,12 +166,14 @@ def settings(airframe: Path, law: str, stock: bool) -> dict[str, float]:
 
 
 @contextmanager
-def served(airframe: Path, port: int, seed: int) -> Iterator[tuple[Any, Any]]:
+def served(airframe: Path, port: int, seed: int, speed: float) -> Iterator[tuple[Any, Any]]:
     """The world as a process; yields where the segment is written and how to end it and get its rows."""
     context = multiprocessing.get_context("spawn")
     now, over = context.Value("i", -1), context.Event()
     ours, theirs = context.Pipe()
-    process = context.Process(target=world, args=(airframe, port, seed, now, over, theirs), daemon=True)
+    process = context.Process(
+        target=world, args=(airframe, port, seed, speed, now, over, theirs), daemon=True
+    )
     process.start()
     assert ours.recv() == "ready"
 
@@ -150,35 +189,49 @@ def served(airframe: Path, port: int, seed: int) -> Iterator[tuple[Any, Any]]:
         process.join(10.0)
 
 
-def fly(binary: Path, airframe: Path, params: dict[str, float], seed: int) -> tuple[dict[str, float], str]:
+def fly(
+    binary: Path, airframe: Path, law: str, params: dict[str, float], seed: int
+) -> tuple[dict[str, float], str]:
     """One flight's figures, and what the lock-step says of it."""
-    instance = free_instance()
+    instance, live = free_instance(), law == "companion"
     with (
+        real_time() if live else nullcontext(),
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        served(airframe, 4560 + instance, seed) as (now, rows),
+        served(airframe, 4560 + instance, seed, 1.0 if live else 0.0) as (now, rows),
     ):
         board = Px4(binary, Path(folder), instance)
         with board.boot(params, cut=True) as url, connect(url, timeout_s=60.0) as session:
             for kind in (m.MAVLINK_MSG_ID_ATTITUDE_TARGET, m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION):
                 assert session.request_stream(kind, 50.0)
+            if law in ON_BOARD:
+                board.start_module(params["MPC_THR_HOVER"])
             vehicle = take_off(session)
+            mixing = LiveMixer(session, load_vehicle(airframe), "exact") if live else None
+            if mixing:
+                mixing.start()
 
             def mark(segment: str, t: float) -> None:
                 now.value = NAMES.index(segment)
 
             with session.listen(("ATTITUDE_TARGET", "ATTITUDE_QUATERNION")) as inbox:
                 track = vehicle.follow(FlightPlan(FLIGHT), mark)
+                if mixing:
+                    mixing.stop()
                 own_rows, status = rows()
                 heard = []
                 while (message := session.take(inbox, 0.0)) is not None:
                     heard.append(message)
     starts = {name: t for t, name in reversed(list(zip(track.time_s, track.segment, strict=True)))}
     late = float(np.diff(track.time_s).max())
+    if mixing:
+        said = mixing.summary()
+        board_s = {k: said["board"][k] for k in ("taken", "stale", "handed_back")}
+        status += f"; {said['cycles']} answers, {board_s}"
     return figures(own_rows, heard, starts), f"{status}; set-points at most {late:.2f} s apart"
 
 
 def figures(own_rows: NDArray[np.float64], heard: list[Any], starts: dict[str, float]) -> dict[str, float]:
-    """Of the plant's rows (segment, s, down m, yaw rad, W), and PX4's messages by its own clock."""
+    """Of the plant's rows as `Watched` keeps them, and PX4's messages by its own clock."""
     at = {}
     for n, segment in enumerate(FLIGHT):  # after the last set-point PX4 does as it likes
         mine = own_rows[own_rows[:, 0] == n]
@@ -192,12 +245,19 @@ def figures(own_rows: NDArray[np.float64], heard: list[Any], starts: dict[str, f
 
     turned = np.concatenate([at["yaw"][:, 3] - HEADING, at["yaw back"][:, 3]])
     turned = np.remainder(turned + math.pi, 2 * math.pi) - math.pi
+    circle, grown = at["circle"], at["ceiling"]
+    wanted = [FLIGHT[NAMES.index("circle")].at(t - circle[0, 1]).position_m[:2] for t in circle[:, 1]]
+    sunk = np.flatnonzero(off("ceiling", "yaw back") > SUNK_M)
+    turning = np.abs(np.concatenate([at["yaw"][:, 7], at["yaw back"][:, 7]]))
     tilt = tilts(heard, starts)
     level = [a.thrust for a in targets(heard) if _within(a, "hover", starts)]
     return {
         "power in hover": float(at["hover"][:, 4].mean()),
         "power in the circle": float(at["circle"][:, 4].mean()),
         "thrust demand in hover": float(np.mean(level)),
+        "ceiling": float(grown[sunk[0], 8]) if len(sunk) else float("nan"),
+        "place in the circle, rms": rms(np.linalg.norm(circle[:, 5:7] - np.array(wanted), axis=1)),
+        "yaw acceleration in yaw steps, most of 0.1 s": float(np.convolve(turning, np.ones(25) / 25).max()),
         "height in hover, rms": rms(off("hover", "drop")),
         "height in the circle, rms": rms(off("circle", "hover")),
         "height after the drop, most": float(np.abs(off("drop", "loaded")).max()),
@@ -245,35 +305,43 @@ def rms(x: NDArray[np.float64]) -> float:
 
 
 def show(flown: dict[str, list[dict[str, float]]]) -> None:
-    """A row a figure: mean and standard deviation over repeats, differences by pairs."""
-    others = [law for law in TABLES if law != "fitted"]
-    print(f"{'':30s}" + "".join(f"{law:>22s}" for law in (*TABLES, *(f"fitted - {o}" for o in others))))
+    """A row a figure: mean and standard deviation over repeats, differences to the first way by pairs."""
+    first, *others = flown
+    print(f"{'':46s}" + "".join(f"{law:>22s}" for law in (*flown, *(f"{o} - {first}" for o in others))))
     for name, (unit, digits) in FIGURES.items():
         x = {law: np.array([one[name] for one in flights]) for law, flights in flown.items()}
-        columns = [x[law] for law in TABLES] + [x["fitted"] - x[law] for law in others]
+        columns = [*x.values(), *(x[law] - x[first] for law in others)]
         cells = (f"{c.mean():.{digits}f} +- {c.std(ddof=1):.{digits}f}" for c in columns)
-        print(f"{name:30s}" + "".join(f"{cell:>22s}" for cell in cells) + f" {unit}")
+        print(f"{name:46s}" + "".join(f"{cell:>22s}" for cell in cells) + f" {unit}")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--px4", type=Path, default=os.environ.get("PX4_SITL", ""), metavar="BINARY")
+    parser.add_argument(
+        "--module", type=Path, default=os.environ.get("PX4_MODULE_SITL", ""), metavar="BINARY"
+    )
+    parser.add_argument("--ways", nargs="+", choices=(*TABLES, *ON_BOARD), default=None)
     parser.add_argument("--airframe", type=Path, default=ROOT / "examples" / "x8_demo.toml")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--stock", action="store_true", help="vertical gains as PX4 ships them")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
-    if not Path(o.px4).is_file():
-        print("no PX4 to fly: PX4_SITL or --px4 names its SITL binary (bin/px4)", file=sys.stderr)
-        return 2
+    ways = o.ways or (*TABLES, *(ON_BOARD if Path(o.module).is_file() else ()))
+    binaries = {law: Path(o.module if law in ON_BOARD else o.px4) for law in ways}
+    for law, binary in binaries.items():
+        if not binary.is_file():
+            named = "PX4_MODULE_SITL or --module" if law in ON_BOARD else "PX4_SITL or --px4"
+            print(f"no PX4 to fly {law}: {named} names its SITL binary (bin/px4)", file=sys.stderr)
+            return 2
     if o.repeats < 2:
         parser.error("--repeats: a spread needs two")
-    start, flown = time.monotonic(), {law: [] for law in TABLES}  # type: dict[str, list[dict[str, float]]]
-    params = {law: settings(o.airframe, law, o.stock) for law in TABLES}
+    start, flown = time.monotonic(), {law: [] for law in ways}  # type: dict[str, list[dict[str, float]]]
+    params = {law: settings(o.airframe, law, o.stock) for law in ways}
     for seed in range(o.repeats):
-        for law in TABLES:
+        for law in ways:
             try:
-                one, status = fly(Path(o.px4), o.airframe, params[law], seed)
+                one, status = fly(binaries[law], o.airframe, law, params[law], seed)
             except CoaxlinkError as error:
                 print(f"{law}, repeat {seed}: {error}", file=sys.stderr)
                 return error.exit_code

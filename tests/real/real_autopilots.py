@@ -24,7 +24,7 @@ import pytest
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
-from coaxlink.errors import CoaxlinkError
+from coaxlink.errors import CheckFailed, CoaxlinkError
 from coaxlink.fly.commands import Commander
 from coaxlink.fly.trajectory import FlightPlan, Hold, table_4_flight
 from coaxlink.mavlink import connect
@@ -57,6 +57,21 @@ def bridge(to: str, *options: str, port: int = 0) -> Iterator[int]:
         process.communicate(timeout=600)
 
 
+@contextmanager
+def real_time() -> Iterator[None]:
+    """What starts in here goes before other processes: a companion has 20 ms of wall time, come what may."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))
+    except PermissionError as error:
+        raise CheckFailed(
+            "no real-time class for us: on a machine with other work answers come late"
+        ) from error
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 class Px4:
     """PX4's SITL in `folder`, behind a bridge; `boot` starts it, again and again if need be."""
 
@@ -76,6 +91,19 @@ class Px4:
         command = [str(self.binary), "-d", "-i", str(self.instance), "-w", str(self.folder), str(etc)]
         with _running(command, self.folder, clean | preset | {"PX4_SYS_AUTOSTART": "10016"}, cut):
             yield self.address
+
+    def shell(self, *words: str) -> str:
+        """What its console answers to a command; asserts that the command held."""
+        command = [str(self.binary.parent / f"px4-{words[0]}"), "--instance", str(self.instance), *words[1:]]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, timeout=60)
+        assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
+        return done.stdout
+
+    def start_module(self, hover: float) -> None:
+        """As `extras.txt` does on a board."""
+        self.shell("control_allocator", "stop")
+        self.shell("coax_mixer", "start")
+        self.shell("param", "set", "MPC_THR_HOVER", f"{hover:g}")
 
 
 @contextmanager

@@ -1,0 +1,303 @@
+"""The real PX4 with the module of `bridge` (PX4_MODULE_SITL names its binary), alone and with a companion.
+
+Real time, in the real-time class. The companion is the verb, behind a line that a test may spoil. Every test
+prints what it measured: `pytest -s`.
+"""
+
+from __future__ import annotations
+
+import heapq
+import os
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as m
+from real_autopilots import AIRFRAME, PAIRS, ROOT, Px4, px4, real_time, take_off
+from test_real_px4 import factory
+
+from coaxlink.fly.commands import Commander
+from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment
+from coaxlink.live.module_end import REFUSALS
+from coaxlink.live.onboard.description import board_law
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.session import Session
+from coaxlink.mixer import make_law
+from coaxlink.studies.simulator import free_port
+from coaxlink.vehicle import load_vehicle
+
+BINARY = os.environ.get("PX4_MODULE_SITL", "")
+pytestmark = [
+    pytest.mark.skipif(not BINARY, reason="PX4_MODULE_SITL names no binary with the module"),
+    pytest.mark.timeout(900),
+]
+VEHICLE = load_vehicle(AIRFRAME)
+LAW = board_law(VEHICLE)
+HERE, THERE, RIM = (0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (2.0, 0.0, -3.0)
+TIMEOUT_S, GRAIN_S = 0.020, 0.012  # COAX_TIMEOUT; the demand's period, twice, and the world's
+
+
+class Line(threading.Thread):
+    """Datagrams between PX4's link and the companion; the companion's `late_s` and as `fault` spoils them."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.board_port, self.companion_port, self.port = free_port(), free_port(), free_port()
+        self.late_s, self.fault, self.over = 0.0, "", False
+        self.px4_port = free_port()
+        self.packer = m.MAVLink(None, 245, 191)
+
+    def run(self) -> None:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion,
+        ):
+            board.bind(("127.0.0.1", self.board_port))
+            companion.bind(("127.0.0.1", self.companion_port))
+            waiting: list[tuple[float, int, bytes]] = []
+            count = 0
+            while not self.over:
+                patience = max(waiting[0][0] - time.monotonic(), 0.0) if waiting else 0.1
+                for ready in select.select([board, companion], [], [], patience)[0]:
+                    data = ready.recv(65536)
+                    if ready is board:
+                        companion.sendto(data, ("127.0.0.1", self.port))
+                    elif self.fault != "line dead":
+                        count += 1
+                        due = time.monotonic() + self.late_s
+                        heapq.heappush(waiting, (due, count, self.spoilt(data)))
+                while waiting and waiting[0][0] <= time.monotonic():
+                    board.sendto(heapq.heappop(waiting)[2], ("127.0.0.1", self.px4_port))
+
+    def spoilt(self, data: bytes) -> bytes:
+        """The datagram, its TUNNEL replaced."""
+        if not self.fault or data[0] != 0xFD or data[7:10] != (385).to_bytes(3, "little"):
+            return data
+        message = m.MAVLink(None).parse_buffer(data)[0]
+        body = bytearray(message.payload[: message.payload_length])
+        value = {"not a number": float("nan"), "a lie": 1.0}[self.fault]
+        body[16:] = struct.pack("<8f", *[value] * 8)
+        self.packer.seq = message.get_seq()
+        payload = list(body) + [0] * (128 - len(body))
+        to = message.target_system, message.target_component
+        return bytes(
+            m.MAVLink_tunnel_message(*to, message.payload_type, len(body), payload).pack(self.packer)
+        )
+
+
+class Air:
+    """A vehicle at 3 m on the module, seen by PX4's own messages, and a line to it for a companion."""
+
+    def __init__(self, board: Px4, session: Session, folder: Path) -> None:
+        self.board, self.session, self.folder = board, session, folder
+        board.start_module(LAW.hover)
+        self.line = Line()
+        self.line.start()
+        link = (
+            "-u",
+            str(self.line.px4_port),
+            "-o",
+            str(self.line.board_port),
+            "-r",
+            "4000000",
+            "-m",
+            "onboard",
+        )
+        board.shell("mavlink", "start", "-x", *link)
+        self.vehicle: Commander = take_off(session)
+        self.fly(Hold("settle", HERE, 6.0))
+
+    def fly(self, *plan: Segment, watch: Any = None) -> dict[str, Any]:
+        """What was flown, by PX4's clock.
+
+        A row a set-point: `segment`, `time` (s), `off` (rows, 3) from the set-point and `down` (m); `share`
+        (rows, 2) of the companion (s, 0..1); `split` of the pulses; the module's `facts`, the last of each.
+        """
+        kinds = ("DEBUG_FLOAT_ARRAY", "SERVO_OUTPUT_RAW")
+        for kind in (m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY, m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW):
+            assert self.session.request_stream(kind, 250.0 if kind == 350 else 50.0)
+        with self.session.listen(kinds) as heard:
+            track = self.vehicle.follow(FlightPlan(plan), watch)
+            share, pulses, refused = [], [], {}
+            while (message := self.session.take(heard, 0.0)) is not None:
+                if message.get_type() == "SERVO_OUTPUT_RAW":
+                    pulses.append([getattr(message, f"servo{n}_raw") for n in range(1, 9)])
+                else:
+                    share.append((message.time_usec / 1e6, message.data[10]))
+                    refused[int(message.data[11])] = message.data[12]
+        return {
+            "segment": np.array(track.segment), "time": np.array(track.time_s),
+            "off": np.array(track.flown_m) - np.array(track.wanted_m), "down": np.array(track.flown_m)[:, 2],
+            "share": np.array(share), "split": split(np.array(pulses, float)), "facts": refused,
+        }  # fmt: skip
+
+    @contextmanager
+    def mix(self) -> Iterator[subprocess.Popen[str]]:
+        """`coaxlink mix --law reduced` on the line, driving: another split than the module's own."""
+        url, out = f"udpin:127.0.0.1:{self.line.port}", self.folder / "mix.json"
+        command = [sys.executable, "-m", "coaxlink", "mix", str(AIRFRAME), "--connect", url]
+        command += ["--law", "reduced", "--json", str(out)]
+        with (self.folder / "mix.log").open("a") as log:
+            process = subprocess.Popen(
+                command, stdout=log, stderr=log, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
+            )
+            try:
+                for _ in range(20):
+                    if self.fly(Hold("until it drives", HERE, 1.0))["share"][-1, 1] == 1.0:
+                        break
+                else:
+                    raise AssertionError((self.folder / "mix.log").read_text())
+                yield process
+            finally:
+                process.send_signal(signal.SIGCONT)
+                process.send_signal(signal.SIGINT)
+                process.wait(30.0)
+
+
+def tell(what: str) -> None:
+    """What was measured."""
+    sys.stdout.write(f"\n{what}")
+
+
+def split(pulses: Any) -> float:
+    """Lower over upper pulse above 1000 us, mean of the pairs."""
+    on = pulses.mean(axis=0) - 1000.0
+    return float(np.mean([on[low] / on[up] for up, low in PAIRS]))
+
+
+def exact_split() -> float:
+    """Of the exact law at the weight."""
+    speeds = make_law("exact", VEHICLE).speeds([9.80665 * VEHICLE.airframe.mass_kg, 0.0, 0.0, 0.0])
+    return float(np.mean([speeds[low] / speeds[up] for up, low in PAIRS]))
+
+
+def rms_m(off: Any) -> float:
+    """Of rows (rows, 3)."""
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+@pytest.fixture(scope="module")
+def air(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Air]:
+    folder = tmp_path_factory.mktemp("module")
+    (folder / "px4").mkdir()
+    with (
+        real_time(),
+        px4(Path(BINARY), folder / "px4", "--airframe", str(AIRFRAME), "--speed", "1") as board,
+        board.boot(factory(folder / "standard"), cut=True) as url,
+        connect(url, timeout_s=90.0) as session,
+    ):
+        air = Air(board, session, folder)
+        yield air
+        air.line.over = True
+
+
+def test_the_module_flies_alone(air: Air) -> None:
+    flown = air.fly(
+        Hold("hover", HERE, 8.0), Hold("step", THERE, 5.0), Hold("back", HERE, 5.0),
+        Hold("yaw", HERE, 5.0, np.pi / 2), Hold("yaw back", HERE, 5.0),
+        Move("to the circle", HERE, RIM, 3.0), Circle("circle", 2.0, -3.0, 8.0, 2),
+        Move("home", RIM, HERE, 3.0),
+    )  # fmt: skip
+    off = {str(name): flown["off"][flown["segment"] == name] for name in dict.fromkeys(flown["segment"])}
+    height = {name: float(np.abs(rows[:, 2]).max()) for name, rows in off.items()}
+    for name, rows in off.items():
+        tell(f"{name}: {100 * rms_m(rows):.1f} cm rms, height {100 * height[name]:.1f} cm at most")
+    assert rms_m(off["hover"]) < 0.15 and rms_m(off["circle"]) < 0.5
+    assert max(height.values()) < 0.4 and rms_m(off["step"][-50:]) < 0.2
+    assert not flown["share"][:, 1].any()
+    still = air.fly(Hold("hover", HERE, 5.0))
+    assert still["split"] == pytest.approx(exact_split(), rel=0.02)
+
+
+FAULTS = (  # and what the module counts
+    ("killed", ""), ("stopped", ""), ("line dead", ""), ("late", "stale"), ("not a number", "invalid"),
+    ("a lie", "implausible"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("fault", "counted"), FAULTS)
+def test_a_faulty_companion_is_out_within_its_time(air: Air, fault: str, counted: str) -> None:
+    with air.mix() as process:
+        began: list[float] = []
+
+        def spoil(segment: str, t: float) -> None:
+            if segment != "spoilt" or began:
+                return
+            began.append(air.session.latest("DEBUG_FLOAT_ARRAY").time_usec / 1e6)
+            if fault in ("killed", "stopped"):
+                process.send_signal(signal.SIGKILL if fault == "killed" else signal.SIGSTOP)
+            elif fault == "late":
+                air.line.late_s = 0.030
+            else:
+                air.line.fault = fault
+
+        before = air.fly(Hold("driven", HERE, 3.0))
+        flown = air.fly(Hold("driven", HERE, 1.0), Hold("spoilt", HERE, 2.0), watch=spoil)
+        air.line.late_s, air.line.fault = 0.0, ""
+        if fault == "stopped":
+            process.send_signal(signal.SIGCONT)
+        again = air.fly(Hold("after", HERE, 3.0)) if fault != "killed" else None
+    share, since = flown["share"], began[0]
+    own = share[(share[:, 0] > since) & (share[:, 1] == 0.0), 0]
+    after = flown["segment"] == "spoilt"
+    lost = flown["down"][after] - flown["down"][~after][-1]
+    sideways = np.linalg.norm(flown["off"][after][:, :2], axis=1).max()
+    grown = {k: int(flown["facts"][n] - before["facts"][n]) for n, k in enumerate(REFUSALS)}
+    driven = again is not None and again["share"][-1, 1] == 1.0
+    tell(
+        f"{fault}: own law after {1e3 * (own[0] - since):.0f} ms, height lost {100 * lost.max():.0f} cm, "
+        f"gained {-100 * lost.min():.0f} cm, sideways {100 * sideways:.0f} cm, refused {grown}, {driven=}"
+    )
+    assert own[0] - since < TIMEOUT_S + GRAIN_S
+    assert np.abs(lost).max() < 0.3
+    assert [k for k in REFUSALS if grown[k]] == [counted] * bool(counted)
+    assert driven == (fault != "killed")
+
+
+def test_back_to_px4s_own_allocator_and_to_the_module_again(air: Air) -> None:
+    with pytest.raises(AssertionError, match="armed"):
+        air.board.shell("coax_mixer", "stop")
+    air.vehicle.land()
+    air.board.shell("coax_mixer", "stop")
+    air.board.shell("control_allocator", "start")
+    assert settled_split(air) == pytest.approx(1.0, abs=0.03)
+    air.vehicle.land()
+    air.board.start_module(LAW.hover)
+    assert settled_split(air) == pytest.approx(exact_split(), rel=0.02)
+    air.vehicle.land()
+
+
+def settled_split(air: Air) -> float:
+    """Of a hover after a take-off."""
+    air.vehicle = take_off(air.session)
+    air.fly(Hold("settle", HERE, 6.0))
+    return float(air.fly(Hold("hover", HERE, 5.0))["split"])
+
+
+def test_after_a_reboot_the_board_flies_its_own_allocator(tmp_path: Path) -> None:
+    (tmp_path / "px4").mkdir()
+    with (
+        real_time(),
+        px4(Path(BINARY), tmp_path / "px4", "--airframe", str(AIRFRAME), "--speed", "1") as board,
+    ):
+        with (
+            board.boot(factory(tmp_path / "standard"), cut=True) as url,
+            connect(url, timeout_s=90.0) as session,
+        ):
+            board.start_module(LAW.hover)
+            take_off(session)
+        with board.boot(factory(tmp_path / "again"), cut=True) as url, connect(url, timeout_s=90.0):
+            with pytest.raises(AssertionError, match="not running"):
+                board.shell("coax_mixer", "status")
+            assert "Running" in board.shell("control_allocator", "status")
