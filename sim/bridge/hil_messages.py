@@ -75,10 +75,10 @@ class HilMessages:
 
     def _gps(self, now: int, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> Any:
         n, e, d = position.tolist()
-        vn, ve, vd = (round(100 * v) for v in velocity.tolist())
+        vn, ve, vd = (_short(100 * v) for v in velocity.tolist())
         lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
         course = round(100 * math.degrees(math.atan2(ve, vn))) % 36000
-        alt, speed = round(1000 * (HOME.alt - d)), round(math.hypot(vn, ve))
+        alt, speed = round(1000 * (HOME.alt - d)), _short(math.hypot(vn, ve))
         return m.MAVLink_hil_gps_message(now, 3, lat, lon, alt, 70, 90, speed, vn, ve, vd, course, 14)
 
     def _state(self, now: int) -> Any:
@@ -86,10 +86,15 @@ class HilMessages:
         p = self.plant
         n, e, d = p.position.tolist()
         lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
-        speeds = [round(100 * v) for v in p.velocity.tolist()]
-        accel = [round(1000 * a / 9.80665) for a in p.specific_force.tolist()]
+        speeds = [_short(100 * v) for v in p.velocity.tolist()]
+        accel = [_short(1000 * a / 9.80665) for a in p.specific_force.tolist()]
         quaternion, rates = p.quaternion.tolist(), p.rates.tolist()
         alt = round(1000 * (HOME.alt - d))
         return m.MAVLink_hil_state_quaternion_message(
             now, quaternion, *rates, lat, lon, alt, *speeds, 0, 0, *accel
         )
+
+
+def _short(value: float) -> int:
+    """As the message carries it: what hits the ground at more than 32 g, or falls faster, is at its end."""
+    return max(-32768, min(32767, round(value)))

@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as m
 from test_sim_bridge import Px4Counterpart, packet, running
 
 from sim.bridge import px4_hil
+from sim.bridge.hil_messages import HilMessages
 from sim.bridge.px4_hil import Px4Bridge
 from sim.world import World, build_bridge
 
@@ -142,3 +144,12 @@ def test_the_verb_says_on_stderr_when_lockstep_was_left_and_how_often() -> None:
     assert talk.count("bridge px4: lock-step: no HIL_ACTUATOR_CONTROLS 0.2 s after") == 1
     found = re.search(r"bridge px4: (\d+) steps on 1 link, (\d+) by the lock-step time-out", talk)
     assert found and int(found[2]) >= 2
+
+
+def test_an_impact_beyond_what_a_message_carries_is_at_its_end() -> None:
+    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0", 0.0, lambda _: None)
+    bridge.close()
+    bridge.plant.state[3:6], bridge.plant.out[:3] = (400.0, 0.0, 0.0), (0.0, 0.0, -500.0)
+    _, data = HilMessages(bridge.plant, 0).pack(m.MAVLink(None))
+    state = {a.get_type(): a for a in m.MAVLink(None).parse_buffer(data)}["HIL_STATE_QUATERNION"]
+    assert (state.vx, state.zacc) == (32767, -32768)
