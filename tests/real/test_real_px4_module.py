@@ -285,7 +285,9 @@ def settled_split(air: Air) -> float:
     return float(air.fly(Hold("hover", HERE, 5.0))["split"])
 
 
-def test_after_a_reboot_the_board_flies_its_own_allocator(tmp_path: Path) -> None:
+def test_after_a_reboot_its_own_allocator_runs_and_the_module_only_where_it_is_enabled(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "px4").mkdir()
     with (
         real_time(),
@@ -301,3 +303,8 @@ def test_after_a_reboot_the_board_flies_its_own_allocator(tmp_path: Path) -> Non
             with pytest.raises(AssertionError, match="not running"):
                 board.shell("coax_mixer", "status")
             assert "Running" in board.shell("control_allocator", "status")
+            board.shell("control_allocator", "stop")
+            board.shell("param", "set", "COAX_EN", "0")
+            with pytest.raises(AssertionError, match="COAX_EN is 0"):
+                board.shell("coax_mixer", "start")
+            board.shell("control_allocator", "start")
