@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import truncnorm
 
 from coaxlink.data.samples import Samples
 from coaxlink.effects.onset import COMES
@@ -216,6 +217,11 @@ def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) 
         low, high = np.quantile(values, [0.025, 0.975]) if len(values) else (value, value)
         row = 1.0 / q.frame.rate_hz if name == ONSET else 0.0  # a beginning is known to a row
         interval = (min(float(low), value - row), max(float(high), value + row))
+        if interval[0] == interval[1] and name in option.keys:
+            moved = draws[:, option.columns[-len(option.keys) :][option.keys.index(name)]]
+            interval = _against_limit(
+                value, effect.free(q.frame, option.shape)[name], option.shape[name] + moved
+            )
         parameters.append(ParameterValue(name, value, interval, effect.units.get(name, "1")))
     rest = [m for m in j.claimed if m is not option]
     without = held_out(q.blocks, columns_of(q, rest))[0].sum(axis=0)
@@ -235,6 +241,18 @@ def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) 
         f"{effect.physics}; {effect.source}",
         effect.needs,
     )
+
+
+def _against_limit(value: float, limits: tuple[float, float], drawn: Array) -> tuple[float, float]:
+    """95 % interval of a number that all draws (D,) take to one of its limits or beyond: what of their normal
+    distribution is inside."""
+    if not len(drawn) or limits[0] == limits[1]:
+        return value, value
+    middle, spread = float(np.mean(drawn)), max(float(np.std(drawn)), 1e-6 * (limits[1] - limits[0]))
+    low, high = ((x - middle) / spread for x in limits)
+    below = value - limits[0] < limits[1] - value
+    other = float(truncnorm.ppf(0.95 if below else 0.05, low, high, middle, spread))
+    return (value, other) if below else (other, value)
 
 
 def _evidence(j: Judged, name: str) -> dict[str, Any]:

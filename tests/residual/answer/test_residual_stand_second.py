@@ -85,6 +85,8 @@ def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
     answer = refine_stand(throttled(2.0 * np.arange(121.0), asked, turned), model())
     assert names(answer) == ["dead_band"]
     assert over(answer) < 1.6  # a single sweep hardly tells its noise
+    (share,) = [p for p in answer.effects[0].parameters if p.name == "share"]
+    assert share.ci[1] - share.ci[0] > 0.01  # that all of the band is there was assumed, not read
 
 
 @pytest.mark.slow

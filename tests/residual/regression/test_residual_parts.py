@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coaxlink.residual.answer.assemble import _against_limit
 from coaxlink.residual.regression.blocks import (
     accumulate,
+    bootstrap,
     error_interval,
     held_out,
     held_out_sum,
@@ -206,3 +208,23 @@ def test_dependence_is_found_where_it_is_and_nowhere_else():
     found = dependences(residual, *arguments)
     assert [(d.channel, d.variable) for d in found] == [(1, "one")]
     assert "near 0." in found[0].where
+
+
+def test_what_the_rows_do_not_tell_has_the_width_of_its_prior():
+    """Two columns that are one: rows say the sum, a prior of 0.02 holds the second."""
+    rng = np.random.default_rng(4)
+    column = rng.standard_normal((600, 1, 1))
+    residual = column[..., 0] + 0.1 * rng.standard_normal((600, 1))
+    bounds = np.array([np.inf, -2 * 0.02])
+    blocks = accumulate(column.repeat(2, axis=2), residual, np.arange(600) // 50, np.arange(12) % 6, bounds)
+    drawn = bootstrap(blocks, np.arange(2), 400)
+    assert np.std(drawn[:, 1]) == pytest.approx(0.02, rel=0.15)
+    assert np.std(drawn.sum(axis=1)) < 0.01
+
+
+@pytest.mark.parametrize("limit", [0.4, 2.0])
+def test_a_number_at_its_limit_has_an_interval_of_one_side(limit):
+    beyond = limit + np.sign(limit - 1.0) * np.abs(np.random.default_rng(1).normal(0.1, 0.02, 200))
+    low, high = _against_limit(limit, (0.4, 2.0), beyond)
+    assert limit in (low, high) and 0.001 < high - low < 0.04 and 0.4 <= low < high <= 2.0
+    assert _against_limit(limit, (0.4, 2.0), limit + 10.0 * (beyond - limit))[0] >= 0.4
