@@ -82,9 +82,11 @@ def _spacing_variants(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[S
     forms: list[tuple[Shape, Array]] = []
     if "decay" not in shape and levels > 2:
         forms.append(({**shape, "decay": 1.0}, c))
+    bare = {k: v for k, v in shape.items() if k not in ("apart", *OF_LOADS)}
     if not {*shape} & {*OF_LOADS}:
-        bare = {k: v for k, v in shape.items() if k != "apart"}
         forms += [({**bare, form: 1.0}, np.zeros(len(OF_LOADS[form]))) for form in ("whole", "each")]
+    elif "whole" in shape:  # the upper loads may go with it too
+        forms.append(({**bare, "each": 1.0}, np.array([*c, 0.0, 0.0])))
     return forms
 
 

@@ -105,3 +105,15 @@ def test_a_spacing_that_takes_a_share_of_the_whole_lower_loads_is_no_drifting_ro
     found = {p.name: p.value for p in answer.effects[0].parameters}
     assert found["loads_share"] == pytest.approx(power, rel=0.2)
     assert found["torque_loads_share"] == pytest.approx(0.5 * power, rel=0.2)
+
+
+@pytest.mark.slow
+def test_sessions_of_several_spacings_that_change_each_load_its_own_way_are_no_drift():
+    apart = np.repeat([0.10, 0.28, 0.17, 0.23], 195)
+    t = 0.5 * np.arange(len(apart)) + np.repeat([0.0, 600.0, 1200.0, 1800.0], 195)
+    speeds = walk(len(apart), 8)
+    loads = steady_loads(*speeds.T)
+    for load, share in zip(loads, (0.03, 0.02, 0.06, -0.03), strict=True):
+        load *= 1.0 + share * (apart / 0.16 - 1.0)
+    answer = ask(stand(speeds, loads, 8, time_s=t, rotor_spacing_m=apart), PAPER)
+    assert names(answer) == {"rotor_spacing"} and not answer.ambiguous
