@@ -141,10 +141,9 @@ class Search:
                     gain = max(gain, had.fit.log_evidence - without.fit.log_evidence)
                 if effect.name != m.name and gain > CONFOUNDED * worth:
                     new = self._try([*others, self.started(without, candidate)], best.forms, without)
-                    if had is not None and had.score > new.score:
-                        new = had
-                    if new.score > best.score - 2.0 * worth:
-                        self._other_forms(new, effect.name)
+                    for rival in (new, had):
+                        if rival is not None and rival.score > best.score - 2.0 * worth:
+                            self._other_forms(rival, effect.name)
 
     def _other_forms(self, h: Hypothesis, name: str) -> None:
         """Every form of a member."""
@@ -227,10 +226,8 @@ class Search:
             for shape, coefficients in m.effect.variants(self.channels.bare, m.shape, m.coefficients):
                 other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
                 changed = [other if i == k else o for i, o in enumerate(h.members)]
-                # it may begin at nil: too small where it begins is no reason
                 first, _ = self.scorer.linearised(changed, h.forms, h.fit.noise)
-                behind = h.fit.log_evidence - first.fit.log_evidence
-                if behind < HOPELESS * (1.0 + 0.01 * abs(h.score - self.scorer.empty.score)):
+                if first.score > h.score - HOPELESS * (1.0 + 0.01 * abs(h.score - self.scorer.empty.score)):
                     self._try(changed, h.forms, h)
 
     def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
