@@ -18,7 +18,6 @@ from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
-SQUARE = 2  # power of an upper rotor's own terms: a nuisance model of more bends by itself
 SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
 POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: relative to full speed, downwards
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
@@ -89,8 +88,6 @@ def _blade_shapes(frame: StandFrame) -> list[Shape]:
 
 
 def _unknowable(frame: StandFrame) -> str | None:
-    if frame.free_nuisance:
-        return "no rotor model is given: how loads grow with speed is then the pair's own map"
     if frame.driven and frame.context("upper_rpm") is None and frame.context("lower_rpm") is None:
         return "no rpm in the log: what bends over throttle may be the drive, not the blades"
     return None

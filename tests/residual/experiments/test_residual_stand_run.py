@@ -60,7 +60,8 @@ def test_a_poor_log_is_ambiguous_and_says_what_to_run(doubt):
     "truth",
     [
         pytest.param(
-            "battery_voltage", marks=pytest.mark.xfail(reason="names heat and a drift beside the supply")
+            "battery_voltage",
+            marks=pytest.mark.xfail(strict=True, reason="names heat and a drift beside the supply"),
         ),
         "motor_heating",
     ],

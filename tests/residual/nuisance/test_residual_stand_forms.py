@@ -77,3 +77,17 @@ def test_a_sweep_that_jumps_back_has_no_way_down():
         speeds = np.column_stack([np.tile(np.linspace(0.0, 0.9, 10), 5)] * 2)
 
     assert not np.any(direction(Frame(), 0) < 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("onset", "named"), [(0.45, ["blade_speed_law"]), (None, [])])
+def test_without_a_model_a_law_that_sets_in_at_a_speed_is_named_and_one_that_bends_over_all_is_the_pairs_own(
+    onset, named
+):
+    t, a, b = ramps()
+    loads = steady_loads(a, b)
+    for side, u in enumerate((a, b)):
+        loss = 0.5 * np.maximum(u - onset, 0.0) ** 2 if onset else 0.06 * np.log(np.maximum(u, 0.1))
+        loads[2 * side] *= 1.0 - loss
+        loads[2 * side + 1] *= 1.0 + loss
+    assert names(refine_stand(log_of(t, a, b, loads))) == named
