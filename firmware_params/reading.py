@@ -44,7 +44,7 @@ _ROW = re.compile(rf"^{_NAME}(\s*[,;=:]\s*|\s+)(.*)$")
 _QGC = re.compile(r"^\s*\d+\s+\d+\s+\S+\s+\S+\s+\d+\s*$")
 _COMMENT = re.compile(r"\s*(?:#|//).*$")
 _HEADING = ("NAME", "PARAM", "PARAMETER", "COMMAND")
-_COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a copied terminal
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # of a copied terminal
 _COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 _NUMERIC = re.compile(r"[+-]?(\.?\d|nan|inf)", re.IGNORECASE)
 _WHOLE_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|\.\d+)(e[+-]?\d+)?|nan|[+-]?inf", re.IGNORECASE)

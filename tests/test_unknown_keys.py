@@ -118,6 +118,7 @@ READERS = {
     "coaxlink/cli/loop.py",  # before the world reads it
     "coaxlink/cli/examples.py",  # which rotor file goes with a shipped airframe
     "coaxlink/studies/campaign/flights.py",  # what was read before, sent to a worker
+    "coaxlink/residual/diagnosis/decide.py",  # the package's own, as the next
     "coaxlink/studies/paper/ledger.py", "sim/px4/store.py", "sim/ardupilot/store.py",  # the package's own
     "coaxlink/files.py", "sim/documents.py", "firmware_params/bounded.py",  # what all of these read with
 }  # fmt: skip

@@ -77,7 +77,7 @@ def flight_charts(path: Path, vehicle: Vehicle | None) -> FlightCharts:
     charts = list(_logged(samples, motors, start))
     rests = [PREMISES[p] for p in samples.premises] + list(samples.notes)
     if vehicle is None:
-        answer = "Thrust, the split of the pairs and the wrench need --airframe X8.toml."
+        answer = "Thrust, the split of the pairs and the wrench need the file of the airframe."
     else:
         try:
             modelled, answer = _modelled(samples, vehicle, start)

@@ -14,7 +14,7 @@ from coaxlink.tables.worth import CURVED, LIVE, ON_BOARD, Worths
 NONE = "cannot"
 NOTICED = 1.03  # of the ceiling: as much as a pack's charge moves it within a minute of flight
 EXACT_WAY = (
-    "No table holds it: it flies on a PX4 firmware of your own (coaxlink bridge --firmware px4) or from a "
+    "No table holds it: it flies on a PX4 firmware of your own (coaxlink bridge) or from a "
     "companion (coaxlink mix)."
 )
 

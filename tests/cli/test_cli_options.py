@@ -18,6 +18,7 @@ NAMED = re.compile(r"`([a-z]\w*)`")
 VERBS = ("cli/",)
 NOT_LIBRARY = {
     "report/document.py",
+    "report/demo_words.py",
     "monitor/screen/app.py",
     "monitor/screen/pages.py",
     "report/paper.py",

@@ -20,7 +20,10 @@ def test_without_a_binary_it_says_so() -> None:
     environment = {k: v for k, v in os.environ.items() if k != "PX4_SITL"} | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100)
     assert done.returncode == 2
-    assert done.stderr.startswith("no PX4 to fly: PX4_SITL or --px4 names") and done.stderr.count("\n") == 1
+    assert (
+        done.stderr.startswith("no PX4 to fly standard: PX4_SITL or --px4 names")
+        and done.stderr.count("\n") == 1
+    )
 
 
 def test_figures_are_of_their_segments() -> None:
@@ -31,7 +34,8 @@ def test_figures_are_of_their_segments() -> None:
         down = -2.6 - 0.2 * (segment.name == "drop")  # 0.4 m of the estimator's own
         yaw = worth.HEADING - math.radians(2.0) if segment.name == "yaw" else 2 * math.pi + math.radians(2.0)
         for k in range(int(segment.duration_s / 0.1)):
-            rows.append((float(n), 100.0 + t + 0.1 * k, down, yaw, 10.0 * n))
+            north, east = segment.at(0.1 * k).position_m[:2]
+            rows.append((float(n), 100.0 + t + 0.1 * k, down, yaw, 10.0 * n, north, east, -2.0, 98.0665))
         t += segment.duration_s
     rolled = (math.cos(math.radians(1.5)), math.sin(math.radians(1.5)), 0.0, 0.0)
     heard = []
@@ -50,3 +54,6 @@ def test_figures_are_of_their_segments() -> None:
     for name in ("hover", "the circle", "yaw steps"):
         assert found[f"attitude in {name}, rms"] == pytest.approx(3.0, abs=1e-6)
     assert found["yaw in yaw steps, rms"] == pytest.approx(2.0)
+    assert found["ceiling"] == pytest.approx(10.0)
+    assert found["yaw acceleration in yaw steps, most of 0.1 s"] == pytest.approx(2.0)
+    assert found["place in the circle, rms"] == pytest.approx(0.0, abs=1e-3)

@@ -49,7 +49,7 @@ def test_every_coaxial_frame_through_every_step():
                     assert check_direction(rotor, angle) and (rotor.number in ccw) == (rotor.yaw_sign > 0)
                 assert check_against(frame, layout) == ()
                 vehicle = Vehicle(frame, MODEL)
-                assert bool(turned_otherwise(frame, MODEL)) == (shape in (20, 21))
+                assert bool(turned_otherwise(vehicle)) == (shape in (20, 21))
                 made = report_ap(vehicle, "standard")
                 assert not made.blocking
                 scripts = {name: text.encode() for name, text in made.scripts.items()}

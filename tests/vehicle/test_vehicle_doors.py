@@ -85,6 +85,7 @@ TAKE_BOTH = {
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.health.pole_count.check_poles",  # the prior that it updates
     "coaxlink.residual.refine.refine",
+    "coaxlink.premises.same_vehicle.Flown.__init__",  # the declared vehicle against what a log shows
     "coaxlink.vehicle.vehicle.usual_lift",  # in a Vehicle that is being made
     "coaxlink.setup.checks.check_airframe",  # full thrust against the weight, as the two files have it
 }
