@@ -19,6 +19,9 @@ from coaxlink.signals import without_row_noise
 
 VOLTS = ("voltage_V", "upper_voltage_V", "lower_voltage_V")
 HEAT = ("motor_temperature_C",)
+# the most that is a meter's noise from row to row, rms: of the reading (a voltmeter of class 1); of a
+# thermistor. What changes by more does change, as a supply that is set anew at every point: taken as read
+VOLTMETER, THERMISTOR_C = 0.01, 1.0
 # a supply sags with the currents of both motors, within a row: these go with their speeds to the third power
 SAG_ORDER = 3
 # a cell polarises behind its current, within seconds and within minutes (Chen and Rincon-Mora 2006)
@@ -39,7 +42,9 @@ def calmed(frame: StandFrame) -> StandFrame:
         values = np.asarray(values, float)
         sag = _sag(values, u, frame.time_s, ends) if name in VOLTS else np.zeros_like(values)
         slow = [without_row_noise((values - sag)[a:b]) for a, b in pairwise(ends)]
-        columns[name] = np.concatenate(slow) + sag
+        calm = np.concatenate(slow) + sag
+        most = VOLTMETER * float(np.mean(np.abs(values))) if name in VOLTS else THERMISTOR_C
+        columns[name] = calm if np.std(values - calm) <= most else values
     return replace(frame, columns=columns)
 
 
