@@ -64,7 +64,7 @@ def test_every_rotor_pair_and_axis_is_drawn(hover):
 
 def test_without_a_vehicle_the_log_alone_is_drawn_and_what_is_missing_is_said(hover):
     flight = flight_charts(hover[0], None)
-    assert "--airframe" in flight.answer
+    assert "file of the airframe" in flight.answer
     assert not any("hrust" in c.title for c in flight.charts)
 
 
