@@ -27,6 +27,7 @@ PROPORTIONAL = 0.01  # rpm that follow the throttle this closely tell the speed 
 STEP = 0.05  # of the speed range: a smaller change is not a new level
 MOST_FOLDS = 12
 FEWEST_ROWS = 6  # of a load: below, nothing is fitted to it
+SLOWEST_RPM, FASTEST_RPM = 1.0, 1e6  # no rotor at full speed is beyond
 
 
 def unit_of(channel: str) -> str:
@@ -128,8 +129,9 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
     if fastest <= 0:
         raise InputError(samples.source, "column upper_rpm", "no rotor ever turns")
     if speed_max_rpm is not None:
-        if speed_max_rpm <= 0:
-            raise InputError("`speed_max_rpm`", "", f"more than 0 is expected, found {speed_max_rpm:g}")
+        if not SLOWEST_RPM <= speed_max_rpm <= FASTEST_RPM:  # NaN too
+            wanted = f"more than 0, {SLOWEST_RPM:g} to {FASTEST_RPM:g} rpm, is expected"
+            raise InputError("`speed_max_rpm`", "", f"{wanted}, found {speed_max_rpm:g}")
         return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given")
     if full := _at_full_throttle(samples):
         return Speeds(upper / full, lower / full, full, "rpm at full throttle, to which it is proportional")
