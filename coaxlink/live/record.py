@@ -59,12 +59,12 @@ class LiveRecord:
 
     def flush(self) -> None:
         """Hand everything to the kernel."""
-        if self._waiting and not self.problem:
+        waiting, self._waiting = self._waiting, bytearray()  # a thread that is still writing keeps its own
+        if waiting and not self.problem:
             try:
-                os.write(self._file, self._waiting)
+                os.write(self._file, waiting)
             except OSError as error:  # flying matters more than the record of it
                 self.problem = f"{self.path}: the record ends early ({error.strerror})"
-        self._waiting.clear()
 
     def close(self) -> None:
         """Flush and close."""
