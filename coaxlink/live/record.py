@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,11 @@ MOST_WAITING = 1024  # records; more are written at once, whatever the clock say
 
 
 class LiveRecord:
-    """Append-only. Raises InputError if the file cannot be made; a full disk later ends only the record."""
+    """Append-only. Raises InputError if the file cannot be made; a full disk later ends only the record.
+
+    The receiver thread adds and writes. Whoever ends the loop closes, while that thread may be at its last
+    demand: what comes after `close` is dropped.
+    """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self.path = path
@@ -34,6 +39,7 @@ class LiveRecord:
         self.problem = ""
         self._waiting = bytearray()
         self._flushed = 0.0
+        self._turn, self._closed = threading.Lock(), False
 
     def add(
         self,
@@ -46,9 +52,9 @@ class LiveRecord:
         state: str,
     ) -> None:
         """One demand answered; see the module for units."""
-        self._waiting += RECORD.pack(
-            stamp_us, now, *demand, *commands, *error, latency_s, STATES.index(state)
-        )
+        row = RECORD.pack(stamp_us, now, *demand, *commands, *error, latency_s, STATES.index(state))
+        with self._turn:
+            self._waiting += row
 
     def tick(self, now: float, *, handed_over: bool = False) -> None:
         """Write what waits if it is time, or if the vehicle was just handed back."""
@@ -59,14 +65,21 @@ class LiveRecord:
 
     def flush(self) -> None:
         """Hand everything to the kernel."""
-        waiting, self._waiting = self._waiting, bytearray()  # a thread that is still writing keeps its own
-        if waiting and not self.problem:
-            try:
-                os.write(self._file, waiting)
-            except OSError as error:  # flying matters more than the record of it
-                self.problem = f"{self.path}: the record ends early ({error.strerror})"
+        with self._turn:
+            self._write()
 
     def close(self) -> None:
         """Flush and close."""
-        self.flush()
-        os.close(self._file)
+        with self._turn:
+            self._write()
+            if not self._closed:
+                os.close(self._file)
+            self._closed = True
+
+    def _write(self) -> None:
+        if self._waiting and not self.problem and not self._closed:
+            try:
+                os.write(self._file, self._waiting)
+            except OSError as error:  # flying matters more than the record of it
+                self.problem = f"{self.path}: the record ends early ({error.strerror})"
+        self._waiting.clear()

@@ -25,6 +25,7 @@ from coaxlink.rotor.contracted_wake import Blades, Calibrated, calibrated, lower
 from coaxlink.rotor.fit import huber_weights
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.stand_data import refuse_full_speed
 
 Array = NDArray[np.float64]
 
@@ -128,8 +129,7 @@ def pair_prior(
 ) -> PairPrior:
     """The prior of a pair of such rotors. Raises InputError where no propeller makes such a table."""
     top = float(table.rpm.max()) if speed_max_rpm is None else speed_max_rpm
-    if not top > 0:
-        raise InputError("`speed_max_rpm`", "", f"more than 0 is expected, found {top:g}")
+    refuse_full_speed(top)
     rng = np.random.default_rng(seed)
     u = table.rpm / top
     thrust = _of_speed(u, table.thrust_N, rng) * _scale(rng, table.origin.thrust)

@@ -112,11 +112,21 @@ def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandDat
     return found
 
 
+def refuse_full_speed(rpm: float) -> None:
+    """Raises InputError for a full speed (rpm) that no rotor has."""
+    if not SLOWEST_RPM <= rpm <= FASTEST_RPM:  # NaN too
+        wanted = f"more than 0, {SLOWEST_RPM:g} to {FASTEST_RPM:g} rpm, is expected"
+        raise InputError("`speed_max_rpm`", "", f"{wanted}, found {rpm:g}")
+
+
 def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> Speeds:
     """u = rpm / speed_max_rpm; by default the rpm at full throttle where the log tells it, or the fastest.
 
-    Raises InputError when neither rpm nor throttle of a rotor that is measured is there.
+    Raises InputError when neither rpm nor throttle of a rotor that is measured is there, and for a given full
+    speed (rpm) that no rotor has.
     """
+    if speed_max_rpm is not None:
+        refuse_full_speed(speed_max_rpm)
     upper, lower = (_raw(samples, side, "rpm") for side in ("upper", "lower"))
     if upper is None or lower is None:
         upper, lower = (_raw(samples, side, "throttle") for side in ("upper", "lower"))
@@ -129,9 +139,6 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
     if fastest <= 0:
         raise InputError(samples.source, "column upper_rpm", "no rotor ever turns")
     if speed_max_rpm is not None:
-        if not SLOWEST_RPM <= speed_max_rpm <= FASTEST_RPM:  # NaN too
-            wanted = f"more than 0, {SLOWEST_RPM:g} to {FASTEST_RPM:g} rpm, is expected"
-            raise InputError("`speed_max_rpm`", "", f"{wanted}, found {speed_max_rpm:g}")
         return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given")
     if full := _at_full_throttle(samples):
         return Speeds(upper / full, lower / full, full, "rpm at full throttle, to which it is proportional")

@@ -188,5 +188,7 @@ def test_what_cannot_be_identified_is_one_line() -> None:
         if expected not in str(caught.value):
             wrong.append((expected, str(caught.value)))
     assert not wrong
-    with pytest.raises(InputError, match="more than 0"):
-        identify(without(stand(0), "throttle"), "rcrm", speed_max_rpm=-1.0)
+    for log in (without(stand(0), "throttle"), without(stand(0), "rpm")):
+        for beyond in (-1.0, 1e-320, float("nan"), float("inf")):
+            with pytest.raises(InputError, match="more than 0"):
+                identify(log, "rcrm", speed_max_rpm=beyond)
