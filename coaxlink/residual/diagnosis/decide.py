@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.features import Candidate, Features
+from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
 from coaxlink.residual.diagnosis.posterior import Posterior
 
-LIMIT = 3000.0  # of a number, before its logarithm is taken
 WAYS = ("raw", "tempered", "own")
 
 
@@ -134,4 +133,4 @@ def _scaled(name: str, value: float) -> float:
     """Nats and standard errors by their logarithm: the twentieth tells more than the thousandth."""
     if name in PLAIN:
         return float(np.clip(value, -10.0, 10.0))
-    return float(np.sign(value) * np.log1p(min(abs(value), LIMIT)))
+    return float(np.sign(value) * np.log1p(min(abs(value), MOST)))
