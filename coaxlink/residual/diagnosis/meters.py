@@ -19,8 +19,8 @@ from coaxlink.signals import without_row_noise
 
 VOLTS = ("voltage_V", "upper_voltage_V", "lower_voltage_V")
 HEAT = ("motor_temperature_C",)
-# the most that is a meter's noise from row to row, rms: share of a voltmeter's reading (class 1 of IEC 60051);
-# of a thermistor, K (judgement: three steps of ten bits at 80 degrees). What changes by more does change, as a
+# the most that is a meter's noise from row to row, rms: of a voltmeter's reading (class 1, IEC 60051);
+# of a thermistor, K (judgement: three steps of ten bits at 80 C). What changes by more does change, as a
 # supply that is set anew at every point: taken as read
 VOLTMETER, THERMISTOR_C = 0.01, 1.0
 # a supply sags with the currents of both motors, within a row: these go with their speeds to the third power
