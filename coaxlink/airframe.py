@@ -99,6 +99,14 @@ class Airframe:
         thrust_gain, torque_gain = self.gains
         return thrust * thrust_gain, torque * torque_gain
 
+    def turned(self, model: RotorModel, commands: ArrayLike) -> NDArray[np.float64]:
+        """Normalised speeds (..., N) that commands (..., N) ask for: the same, or by the model's curve."""
+        u = np.asarray(commands, float)
+        if not model.rpm_over_throttle:
+            return u
+        lower = np.array([rotor.level == "lower" for rotor in self.rotors])
+        return np.where(lower, model.turned(u, "lower"), model.turned(u, "upper"))
+
     def body_loads(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """Force and moment (..., 6) in FRD, [Fx, Fy, Fz, Mx, My, Mz], of rotor loads (..., N)."""
         f, q = np.asarray(thrust, float), np.asarray(torque, float)

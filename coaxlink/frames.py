@@ -35,7 +35,7 @@ class FlightFrame:
     time_s: Array  # (rows,)
     stretch: Array  # (rows,) number of the contiguous stretch
     log: Array  # (rows,) number of the log it came from
-    commands: Array  # (rows, N)
+    commands: Array  # (rows, N) normalised speeds that they ask for
     speeds: Array  # (rows, N)
     thrust: Array  # (rows, N) N, base model
     torque: Array  # (rows, N) N m, base model

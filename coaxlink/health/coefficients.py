@@ -28,8 +28,8 @@ from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import vertical_zero
 from coaxlink.health.columns import CHANNELS, independent, ridge, rows_of
-from coaxlink.health.pole_count import check_poles
 from coaxlink.health.regressors import regressors
+from coaxlink.premises import rotation_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term
@@ -124,15 +124,13 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     covariance, notes = prior_covariance(prior, names, mean)
     measured = all(log.has(*(f"rpm{r.number}" for r in airframe.rotors)) for log in logs)
     if measured:
-        for log in logs:
-            check_poles(log, airframe, prior)
-        logs = [_by_speed(log, airframe, prior.speed_max_rpm) for log in logs]
+        logs = [_by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
     else:
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
-    system = _system(logs, airframe, prior, names, measured)
+    system = _system(logs, airframe, prior.by_speed() if measured else prior, names, measured)
     frames = system.frames
     count = len(names)
     precision = np.zeros((system.X.shape[1],) * 2)
@@ -145,9 +143,7 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     for (load, term), value in zip(names, found, strict=True):
         terms[load][term] = float(value)
     sources = {**prior.sources, "upper": "measured", "lower": "measured"}  # here, in flight
-    model = RotorModel.from_terms(
-        prior.form, prior.speed_max_rpm, terms, effects=prior.effects, sources=sources
-    )
+    model = replace(prior.having(terms), sources=sources, rotation=rotation_of(airframe, prior))
     coefficients = tuple(
         Coefficient(load, term, float(a), float(np.sqrt(b)), float(c), float(np.sqrt(d)))
         for (load, term), a, b, c, d in zip(
@@ -202,7 +198,7 @@ def prior_covariance(
     return np.diag(np.array(sds) ** 2) + same * np.outer(guessed, guessed), (f"prior: {where}",)
 
 
-def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples:
+def _by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
     """A log whose motor columns are speeds: slowly as the ESCs' rpm say, quickly as the commands go.
 
         speed = mean(rpm) + slope (command - mean(command)),   means over SLOW_S, centred
@@ -213,9 +209,10 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
     rotor that tells no speed.
     """
     columns = {}
-    for rotor in airframe.rotors:
-        command, speed = log[f"motor{rotor.number}"], log[f"rpm{rotor.number}"] / speed_max_rpm
-        command = np.where(impossible_commands(command), np.nan, command)
+    given = np.stack([log[f"motor{rotor.number}"] for rotor in airframe.rotors], axis=1)
+    asked = airframe.turned(model, np.where(impossible_commands(given), np.nan, given))
+    for rotor, command in zip(airframe.rotors, asked.T, strict=True):
+        speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm
         rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)
         if rows.sum() < LEAST_ROWS:
             raise InputError(

@@ -20,6 +20,7 @@ from coaxlink.premises import (
     not_judged,
     other_vehicle,
 )
+from coaxlink.premises.moves import UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.refine import vehicle_differs
@@ -76,18 +77,23 @@ def _hangs_on(found: Health, frames: Sequence[FlightFrame], names: Sequence[str]
 def flown_by(logs: Sequence[Samples], vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged, ...]:
     """Why these flights can update no rotor model of this vehicle; empty where they can. Raises InputError.
 
-    A prior may be off by more than a model: lift is asked for within a factor of two alone.
+    An estimated prior may be off by more than a measured model: its lift is asked for within a factor of two
+    alone, and flights tell how the pairs turn.
     """
-    body = vehicle.declared
+    body, estimated = vehicle.declared, bool(set(UNKNOWN) & set(vehicle.rotors.sources.values()))
     if differs := vehicle_differs(logs, body):
         return differs
     found: list[OtherVehicle | NotJudged] = []
     for log in logs:
         frame = flight_frame([log], body, vehicle.rotors)
         differs = other_vehicle(frame, [log])
-        found += [d for d in differs if d.check != "lift" or not 1 / RESPONSE < d.found < RESPONSE]
-        found += lacking(frame)
+        found += [d for d in differs if not (estimated and d.check == "lift" and _near(d.found))]
+        found += [r for r in lacking(frame) if not (estimated and r.premise == "rotation")]
     return (*found, *damage(logs))
+
+
+def _near(ratio: float) -> bool:
+    return 1 / RESPONSE < ratio < RESPONSE
 
 
 def update_hangs_on(update: Update, logs: Sequence[Samples], vehicle: Vehicle) -> tuple[NotJudged, ...]:

@@ -19,6 +19,7 @@ from coaxlink.health.sequential import WINDOW, SequentialTest, Suspicion, Verdic
 from coaxlink.health.stream import BLOCK_S, HealthInterval, Stream
 from coaxlink.premises.answer import NotJudged, OtherVehicle
 from coaxlink.premises.moves import moves, not_judged
+from coaxlink.premises.rotation import pairs_unmeasured
 from coaxlink.premises.same_vehicle import LEAST_LEFT, Flown, differs
 from coaxlink.vehicle import Vehicle
 
@@ -71,6 +72,8 @@ class Weighed:
         self._looked_s = 0.0
         # premise -> why nothing can be said
         self.doubts: dict[str, NotJudged] = before.doubts if before else {}
+        unmeasured = pairs_unmeasured(vehicle.declared, vehicle.rotors)
+        self.doubts |= {doubt.premise: doubt for doubt in unmeasured}
         self.differs: tuple[OtherVehicle, ...] = before.differs if before else ()
         self.charge: float | None = before.charge if before else None  # of the pack, 0..1, where it is told
         self._weight: tuple[OtherVehicle, ...] = ()  # what its lift said while the pack was full
@@ -94,6 +97,8 @@ class Weighed:
 
     def _agreed(self, now_s: float) -> Suspicion | None:
         own = self._told[0]
+        if "rotation" in self.doubts:
+            return None
         if self._named is None:
             called = (t.verdict.called for t in self._told if t.verdict and t.verdict.called)
             named = next(called, None)

@@ -3,6 +3,7 @@
 from coaxlink.premises.answer import NotJudged, OtherVehicle
 from coaxlink.premises.log_needs import damage, lacking
 from coaxlink.premises.moves import Moved, as_if, guesses, moves, not_judged
+from coaxlink.premises.rotation import pairs_unmeasured, rotation_of, turned_otherwise
 from coaxlink.premises.same_vehicle import motors_differ, other_motors, other_vehicle
 
 __all__ = [
@@ -18,4 +19,7 @@ __all__ = [
     "not_judged",
     "other_motors",
     "other_vehicle",
+    "pairs_unmeasured",
+    "rotation_of",
+    "turned_otherwise",
 ]

@@ -7,13 +7,15 @@ from collections.abc import Iterator, Sequence
 from coaxlink.data.samples import DAMAGED, PREMISES, Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.premises.answer import NotJudged
+from coaxlink.premises.rotation import pairs_unmeasured
 
 # what is judged lies below 4 Hz (`residual.channels.flight`), and a log shows half its rate (Nyquist)
 LEAST_RATE_HZ = 8.0
 
 
 def lacking(frame: FlightFrame) -> Iterator[NotJudged]:
-    """What a flight's rows do not hold."""
+    """What a flight's rows do not hold, or nobody measured of its pairs."""
+    yield from pairs_unmeasured(frame.airframe, frame.model)
     rate = 1.0 / frame.step_s
     if rate < LEAST_RATE_HZ:
         why = (

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES, Airframe
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import DAMAGED, Samples
 from coaxlink.frames import Array, FlightFrame
@@ -29,12 +30,17 @@ LIFT = 0.15
 LEAST_LEFT = 0.7  # from a full pack to an empty one (4.2 to 3.5 V a cell), squared
 # of what a moment turns, where the inertia is somebody's word; twice as much where it is an estimate
 RESPONSE = 2.0
-# share of the variance that one must explain of the other before their ratio means anything: then the slope
-# lies within a factor of two, whichever of both has the noise
-TELLS = 0.5
+# share of the variance that one must explain of the other before their ratio means anything. With noise in
+# both a gain lies between the slopes of either over the other, which are that share apart (Frisch 1934): at
+# TELLS as far as what they are asked for. Of two residues of 100 independent rows (14 s), such a ratio comes
+# by chance once in 3,000 (F test)
+TELLS = 1.0 / RESPONSE
 WORKS = 0.05  # of full command: a motor turns
 SPEEDS = 0.15  # of rpm over the common curve: specimens and packs differ by less
-MAGNETS = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
+FULL_SPEED = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
+# of an ESC's current over its motor's power on the others' scale: what ESCs measure it by is good to a tenth or
+# two, efficiency between hover and twice its thrust changes by a tenth
+AMPERES = 1.5
 FEWEST = 10  # rows with a speed: ten seconds of ESCs that report once a second
 # attitude loops answer above 0.5 Hz (PX4 and ArduPilot: 4 to 7 rad/s a radian of error); what is slower, or
 # changes once, is a gust or a rotor that begins to lose thrust, and moments balance it without a turn
@@ -94,7 +100,8 @@ def other_vehicle(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[OtherVeh
     stretch, step_s = frame.stretch[frame.keep], float(np.median(np.diff(frame.time_s[frame.keep])))
     speeds = np.clip(speeds, 0.0, None)
     flown = Flown(frame.airframe, frame.model, speeds, meant, moved, stretch, step_s, _sagged(frame))
-    return (*_lift(flown), *(d for log in logs for d in _speeds(log, frame)), *_turns(flown))
+    of_escs = (d for log in logs for look in (_speeds, _currents) for d in look(log, frame))
+    return (*_lift(flown), *of_escs, *_turns(flown))
 
 
 def differs(flown: Flown) -> tuple[OtherVehicle, ...]:
@@ -144,16 +151,21 @@ def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
     numbers = [r.number for r in frame.airframe.rotors if log.has(f"rpm{r.number}")]
     if len(numbers) < len(frame.airframe.rotors):
         return
-    commands, rpm = (np.stack([log[f"{name}{n}"] for n in numbers], axis=1) for name in ("motor", "rpm"))
+    given, rpm = (np.stack([log[f"{name}{n}"] for n in numbers], axis=1) for name in ("motor", "rpm"))
+    commands = frame.airframe.turned(frame.model, given)
     turning = np.isfinite(commands) & np.isfinite(rpm) & (commands > 2 * WORKS) & (rpm > 0.0)
     if turning.sum(axis=0).min() < FEWEST:
         return
+    if other := miscounted(log, frame.airframe, frame.model):
+        yield other
+        return
     means = [float(np.median(rpm[t, k] / commands[t, k])) for k, t in enumerate(turning.T)]
     whole = float(np.median(means)) / frame.model.speed_max_rpm
-    if not 1.0 / MAGNETS <= whole <= MAGNETS:
-        magnets = miscounted(log.parameters, whole) or "the number of magnets"
-        why = f"rpm are {whole:.2f} times what the commands mean: {magnets}; or another rotor file"
-        yield OtherVehicle("speeds", whole, (1.0 / MAGNETS, MAGNETS), why)
+    if not 1.0 / FULL_SPEED <= whole <= FULL_SPEED:
+        why = (
+            f"rpm are {whole:.2f} times what the commands mean: the number of magnets, or another rotor file"
+        )
+        yield OtherVehicle("speeds", whole, (1.0 / FULL_SPEED, FULL_SPEED), why)
         return
     command, speed = np.log(commands[turning]), np.log(rpm[turning])
     slope = float(np.cov(command, speed)[0, 1] / max(float(np.var(command)), 1e-12))
@@ -168,6 +180,32 @@ def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
             f"motor{slow} mean on the others' curve: outputs or ESCs exchanged"
         )
         yield OtherVehicle("speeds", float(apart.max()), (1.0 - SPEEDS, 1.0 + SPEEDS), why)
+
+
+def _currents(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
+    """Currents go with the power on the shafts, of all motors by the same voltage and efficiency."""
+    body, model = frame.airframe, frame.model
+    numbers = [r.number for r in body.rotors if log.has(f"current{r.number}_A")]
+    if len(numbers) < len(body.rotors):
+        return
+    given, amperes = (
+        np.stack([log[n.format(k)] for k in numbers], axis=1) for n in ("motor{}", "current{}_A")
+    )
+    speeds = body.turned(model, np.clip(given, 0.0, 1.0))
+    power = body.loads(model, speeds)[1] * speeds * model.speed_max_rpm * RAD_S_PER_RPM
+    # as much as hovering takes at most from the slowest: idling says nothing
+    told = np.isfinite(power) & np.isfinite(amperes) & (power > 0.5 * np.nanmedian(power)) & (amperes > 0.0)
+    if told.sum(axis=0).min() < FEWEST:
+        return
+    each = np.array([np.median(amperes[t, k] / power[t, k]) for k, t in enumerate(told.T)])
+    each /= np.median(each)
+    if each.max() > AMPERES and each.min() < 1.0 / AMPERES:  # one alone is a fault
+        most, least = numbers[int(each.argmax())], numbers[int(each.argmin())]
+        why = (
+            f"current{most} and current{least} are {each.max():.2f} and {each.min():.2f} times what motor{most} "
+            f"and motor{least} draw on the others' scale: outputs or ESCs exchanged"
+        )
+        yield OtherVehicle("currents", float(each.max()), (1.0 / AMPERES, AMPERES), why)
 
 
 def _left(flown: Flown, order: Sequence[int]) -> Array:

@@ -102,9 +102,11 @@ def _logged(samples: Samples, motors: Sequence[int], start: float) -> Iterator[C
     for title, unit, name in (
         ("Speed of every rotor, measured", "rpm", "rpm{}"),
         ("Current of every rotor", "A", "current{}_A"),
+        ("Temperature of every ESC", "degrees C", "temperature{}_C"),
     ):
         lines = of_rotors(name)
-        yield Chart(title, unit, lines, note="" if lines else "not in this log")
+        if lines or unit != "degrees C":
+            yield Chart(title, unit, lines, note="" if lines else "not in this log")
     yield _vibration(samples, motors)
     if samples.has("voltage_V"):
         yield Chart("Battery", "V", (Line("voltage", time, samples["voltage_V"]),))

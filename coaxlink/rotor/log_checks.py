@@ -18,7 +18,7 @@ from coaxlink.load import Load
 from coaxlink.rotor.fit import ROWS_A_TERM, Array, load_terms
 from coaxlink.rotor.identification import CORRELATED, Identification
 from coaxlink.rotor.stand_data import COAXIAL, StandData, unit_of
-from coaxlink.rotor.throttle_curve import AT_FULL, BENT
+from coaxlink.rotor.throttle_curve import BENT
 
 CELLS = 5  # a side: levels of each speed that a map wants (the paper has 11)
 SAME = 0.01  # of the speed range: two rows at one condition
@@ -198,18 +198,18 @@ def _no_speed(data: StandData) -> Iterator[str]:
 
 
 def _full_throttle(data: StandData) -> Iterator[str]:
-    """Where commands are not speeds, as a table takes them to be."""
+    """Where commands are not speeds."""
     for side, curve in data.speeds.curves.items():
-        if data.speeds.source != "given" and curve.top < AT_FULL and not curve.known:
+        if data.speeds.source != "given" and not curve.told:
             yield (
-                f"{side}: throttle goes to {curve.top:.2f}, and rpm do not tell what they are at 1: a table "
-                "would take the fastest row for full throttle; measure there, or give `speed_max_rpm`"
+                f"{side}: throttle goes to {curve.top:.2f}, and rpm do not tell what they are at 1: no table "
+                "is made of that; measure there, or give `speed_max_rpm`"
             )
-        elif curve.known and abs(np.subtract(*curve.bend())) > BENT:
+        elif curve.told and abs(np.subtract(*curve.bend())) > BENT:
             at, gives = curve.bend()
             yield (
-                f"{side}: throttle {at:.2f} gives {gives:.2f} of full speed, and a table takes the two for "
-                "equal: linearise the ESC, or compare its hover with `identify FLIGHT`"
+                f"{side}: throttle {at:.2f} gives {gives:.2f} of full speed: the model keeps their curve, "
+                "and tables and laws command by it; take it out for ESCs that govern speed"
             )
 
 

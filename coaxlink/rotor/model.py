@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -22,6 +22,7 @@ from coaxlink.errors import InputError
 from coaxlink.load import LOADS as LOADS
 from coaxlink.load import Load
 from coaxlink.rotor.polynomial import Polynomial
+from coaxlink.rotor.throttle_curve import speed_at
 from firmware_params.keys import is_near, problem_of
 from firmware_params.plain import name_problem, plain
 
@@ -148,6 +149,28 @@ class RotorModel:
         polynomial: Polynomial = getattr(self, load.channel)
         return polynomial
 
+    @property
+    def rpm_over_throttle(self) -> Mapping[str, tuple[float, float, float]]:
+        """By side (upper, lower), b_0, b_1, b_2 of `throttle_curve`; empty where commands are speeds."""
+        return self.identified.get("rpm_over_throttle") or {}
+
+    def turned(self, throttle: ArrayLike, side: str) -> NDArray[np.float64]:
+        """Normalised speeds (...) that throttles (...) give; a side without a curve turns as the other."""
+        curves = self.rpm_over_throttle
+        if not curves:
+            return np.asarray(throttle, float)
+        curve = curves.get(side) or next(iter(curves.values()))
+        return speed_at(curve, throttle) / self.speed_max_rpm
+
+    def by_speed(self) -> RotorModel:
+        """The model for commands that are speeds already."""
+        kept = {key: value for key, value in self.identified.items() if key != "rpm_over_throttle"}
+        return replace(self, identified=kept)
+
+    def having(self, terms: Mapping[str, Mapping[str, float]]) -> RotorModel:
+        """The same pair with other terms, `terms()` of it."""
+        return replace(self, **{load.channel: Polynomial.from_terms(terms[load.key]) for load in Load})  # type: ignore[arg-type]
+
     @classmethod
     def from_terms(
         cls, form: str, speed_max_rpm: float, terms: Mapping[str, Mapping[str, float]], **rest: Any
@@ -197,6 +220,24 @@ class _Sources(BaseModel):
     effects: Source | None = Field(None, description="Of the effects' numbers.")
 
 
+class _Curves(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    upper: tuple[Finite, Finite, Finite] | None = Field(
+        None, description="b_0, b_1, b_2 of b_0 + b_1 t + b_2 t^2."
+    )
+    lower: tuple[Finite, Finite, Finite] | None = Field(None, description="The lower rotor's.")
+
+
+class _Identified(BaseModel):
+    model_config = ConfigDict(extra="allow")
+    rpm_over_throttle: Annotated[
+        _Curves | None, Field(description="rpm over throttle t, 0..1: commands are bent by it.")
+    ] = None
+    throttle_to: Annotated[
+        Finite | None, Field(description="How far throttles went: u = 1 is not full throttle.")
+    ] = None
+
+
 class _RotorFile(BaseModel):
     model_config = ConfigDict(title="coaxlink rotor model", extra="forbid")
     form: Name = Field(description="crm, rcrm, srm or cpcm: how rich the polynomials are.")
@@ -209,8 +250,9 @@ class _RotorFile(BaseModel):
     upper: _Loads = Field(description="The upper rotor's loads.")
     lower: _Loads = Field(description="The lower rotor's loads, in the upper one's wake.")
     effects: list[_Effect] = Field(default_factory=list, description="What refine added to the polynomials.")
-    identified: dict[str, Any] = Field(
-        default_factory=dict, description="From what: file, hash, rows, held-out errors, intervals."
+    identified: _Identified = Field(
+        default_factory=_Identified,
+        description="From what: file, hash, rows, held-out errors, intervals.",
     )
     sources: _Sources | None = Field(
         None, description="Where the numbers are from; what it does not name is declared."
@@ -242,7 +284,8 @@ def load_rotor_model(path: Path) -> RotorModel:
             raise InputError(path, load, str(error)) from error
     effects = tuple(EffectEntry(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
     return RotorModel.from_terms(
-        parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=parsed.identified,
+        parsed.form, parsed.speed_max_rpm, terms, effects=effects,
+        identified=parsed.identified.model_dump(exclude_none=True),
         sources=parsed.sources.model_dump(exclude_none=True) if parsed.sources else {},
         rotation=parsed.rotation,
     )  # fmt: skip

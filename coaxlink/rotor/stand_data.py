@@ -139,7 +139,8 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
     if fastest <= 0:
         raise InputError(samples.source, "column upper_rpm", "no rotor ever turns")
     if speed_max_rpm is not None:
-        return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given")
+        curves = {} if _at_full_throttle(samples) else throttle_curves(samples)
+        return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given", curves=curves)
     if full := _at_full_throttle(samples):
         return Speeds(upper / full, lower / full, full, "rpm at full throttle, to which it is proportional")
     curves = throttle_curves(samples)

@@ -1,17 +1,18 @@
-"""What a rotor turns at full throttle, where its log does not go there and rpm are not proportional to it.
+"""What a rotor turns at a throttle, where rpm are not proportional to it.
 
     rpm = b_0 + b_1 t + b_2 t^2,    t the throttle, 0..1, of rows in which the rotor turns
 
-A table commands throttles: u = 1 has to mean full throttle, not the fastest row of a log that stops before.
+A table commands throttles: u = 1 has to mean full throttle, not the fastest row of a log that stops before,
+and a command the speed that it gives. The rotor file keeps the curve (`identified.rpm_over_throttle`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.data import Samples
 from coaxlink.data.aliases import SIDES
@@ -38,6 +39,11 @@ class ThrottleCurve:
         return float(sum(self.coefficients))
 
     @property
+    def told(self) -> bool:
+        """Whether speeds may be taken from throttles by it: full throttle was measured, or is known."""
+        return self.known or self.top >= AT_FULL
+
+    @property
     def known(self) -> bool:
         """Whether the log tells what full throttle gives."""
         return self.error_rpm <= SURE * self.full_rpm
@@ -45,9 +51,20 @@ class ThrottleCurve:
     def bend(self) -> tuple[float, float]:
         """(throttle, share of full speed there) where the two are furthest apart, of the log's throttles."""
         t = np.linspace(TURNS, self.top, 50)
-        share = np.polynomial.Polynomial(self.coefficients)(t) / self.full_rpm
+        share = speed_at(self.coefficients, t) / self.full_rpm
         at = int(np.argmax(np.abs(share - t)))
         return float(t[at]), float(share[at])
+
+
+def speed_at(coefficients: Sequence[float], throttle: ArrayLike) -> Array:
+    """rpm at throttles (...), a straight line from rest to where the motor surely turns.
+
+    >>> speed_at((600.0, 6000.0, -1600.0), [0.0, 0.5, 1.0]).tolist()
+    [0.0, 3200.0, 5000.0]
+    """
+    t = np.asarray(throttle, float)
+    curve = np.polynomial.Polynomial(coefficients)
+    return np.asarray(np.maximum(np.where(t < TURNS, t / TURNS * curve(TURNS), curve(t)), 0.0))
 
 
 def throttle_curves(samples: Samples) -> dict[str, ThrottleCurve]:

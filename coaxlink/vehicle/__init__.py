@@ -2,7 +2,6 @@
 
 from coaxlink.effects.static import Conditions
 from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_lift, vehicle_of
-from coaxlink.vehicle.rotation import turned_otherwise
 from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
 
 __all__ = [
@@ -14,7 +13,6 @@ __all__ = [
     "refuse_live",
     "refuse_no_lift",
     "require_vehicle",
-    "turned_otherwise",
     "usual_lift",
     "vehicle_of",
 ]

@@ -50,8 +50,19 @@ def with_terms(model: RotorModel, added: Mapping[str, Mapping[str, float]]) -> R
     for load, named in added.items():
         for name, c in named.items():
             terms[load][name] = terms[load].get(name, 0.0) + c
-    changed = RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
-    return replace(changed, effects=model.effects, identified=model.identified, sources=model.sources)
+    return model.having(terms)
+
+
+def over_commands(model: RotorModel, rotors: RotorModel) -> RotorModel:
+    """The model with u the throttle, where `rotors` knows what speeds (u of `model`) throttles give."""
+    if not rotors.rpm_over_throttle:
+        return model
+
+    def bent(speeds: RotorModel, loads: Loads) -> Loads:
+        turned = speeds.loads(rotors.turned(loads.upper, "upper"), rotors.turned(loads.lower, "lower"))
+        return loads.plus({load: turned[load] - loads[load] for load in Load})
+
+    return changed_model(model, [bent]).by_speed()
 
 
 def scaled_speed(model: RotorModel, factor: float) -> RotorModel:

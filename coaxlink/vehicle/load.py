@@ -43,6 +43,11 @@ def load_vehicle(
         raise InputError(airframe, "rotor_model", "names no rotor model, and no other is given (rotor)")
     model = load_rotors(path)
     refuse_no_lift(model, path)
+    if (top := model.identified.get("throttle_to")) is not None:
+        problem = (
+            f"throttles went to {top:.2f}, and rpm do not tell what they are at 1: commands mean nothing"
+        )
+        raise InputError(path, "identified.throttle_to", f"{problem}; measure there, or give --speed-max-rpm")
     if frame.pairs and not model.lower_thrust.coefficients:
         problem = "none: a rotor alone was identified, and this airframe has pairs; measure both at once"
         raise InputError(path, Load.LOWER_THRUST.key, problem)

@@ -21,7 +21,7 @@ from coaxlink.effects.static import Conditions, LeftOut, StaticVehicle
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.rotor.model import EffectEntry
-from coaxlink.vehicle.changed_model import changed_model, scaled_speed
+from coaxlink.vehicle.changed_model import changed_model, over_commands, scaled_speed
 
 NOT_STATED = Conditions()
 
@@ -84,7 +84,7 @@ class Vehicle:
         )
         for name, value in (
             ("airframe", _airframe(vehicle)),
-            ("model", replace(scaled_speed(model, vehicle.speed), effects=())),
+            ("model", replace(over_commands(scaled_speed(model, vehicle.speed), self.rotors), effects=())),
             ("speed_model", replace(by_speed, effects=())),
             ("compensated", compensated),
             ("left_out", left_out),

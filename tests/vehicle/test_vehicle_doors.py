@@ -83,7 +83,10 @@ TAKE_BOTH = {
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
-    "coaxlink.health.pole_count.check_poles",  # the prior that it updates
+    "coaxlink.premises.magnets.miscounted",  # the declared vehicle against what a log shows
+    "coaxlink.premises.rotation.turned_otherwise",  # how pairs turn, no load
+    "coaxlink.premises.rotation.pairs_unmeasured",
+    "coaxlink.premises.rotation.rotation_of",
     "coaxlink.residual.refine.refine",
     "coaxlink.premises.same_vehicle.Flown.__init__",  # the declared vehicle against what a log shows
     "coaxlink.vehicle.vehicle.usual_lift",  # in a Vehicle that is being made

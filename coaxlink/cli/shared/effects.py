@@ -40,7 +40,8 @@ def vehicle_of(
 
     Raises InputError, also for rotors that do not lift.
     """
-    from coaxlink.vehicle import Conditions, load_vehicle, turned_otherwise
+    from coaxlink.premises.rotation import MEASURE, turned_otherwise
+    from coaxlink.vehicle import Conditions, load_vehicle
 
     for name, value in (("--voltage", voltage), ("--height", height), ("--climb", climb)):
         if value is not None and not math.isfinite(value):
@@ -53,8 +54,8 @@ def vehicle_of(
     at = Conditions(voltage, height, climb, air_density_kg_m3=density)
     vehicle = load_vehicle(airframe, rotor, at, measured_live=measured_live)
     _say_unused(vehicle)
-    if premise := turned_otherwise(vehicle):
-        say(f"not measured: {premise} (`coaxlink identify --co-rotating`)")
+    if premise := turned_otherwise(vehicle.declared, vehicle.rotors):
+        say(f"not measured: {premise}: measure {MEASURE}")
     path = rotor or vehicle.declared.rotor_model
     assert path is not None
     return vehicle, path

@@ -257,8 +257,8 @@ def _rpm(esc: Message | None, outputs: Map, notes: list[str], premises: list[str
     instances = set(esc["Instance"].astype(int).tolist()) if esc and "Instance" in esc else set()
     motors = motors_of_escs(outputs, instances, notes, premises)
     told = {"rpm{}": "RPM"}
-    if esc and np.any(esc.get("Curr", 0.0)):
-        told["current{}_A"] = "Curr"
+    more = {"current{}_A": "Curr", "temperature{}_C": "Temp"}
+    told |= {ours: theirs for ours, theirs in more.items() if esc and np.any(esc.get(theirs, 0.0))}
     return [
         series(_instance(esc, ("Instance",), instance), {n.format(motor): f for n, f in told.items()})
         for instance, motor in motors.items()

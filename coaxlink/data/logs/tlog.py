@@ -46,7 +46,7 @@ ESC_TELEMETRY = ("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_
 NAMES = (
     "HEARTBEAT", "HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "ATTITUDE", "ATTITUDE_QUATERNION",
     "LOCAL_POSITION_NED", "ACTUATOR_OUTPUT_STATUS", "SERVO_OUTPUT_RAW", "BATTERY_STATUS", "ESC_STATUS",
-    *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
+    "ESC_INFO", *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
 )  # fmt: skip
 WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
 REBOOT_S = 5.0  # a clock that goes back by more than this was restarted
@@ -330,21 +330,28 @@ def _rpm(
         batches = {4 * i: messages.get(name) for i, name in enumerate(ESC_TELEMETRY)}
     known = {first: batch for first, batch in batches.items() if batch is not None}
     ampere = 1.0 if status is not None else 0.01
-    speeds: dict[int, tuple[Array, Array, Array]] = {}  # by ESC, counted from 0: stamps, rpm, A
+    info = messages.get("ESC_INFO")  # of PX4, about once a second, hundredths of a degree
+    speeds: dict[int, tuple[Array, dict[str, Array]]] = {}  # by ESC, counted from 0: stamps, columns
+    warm: dict[int, tuple[Array, Array]] = {}
     for first, batch in known.items():
         rpm, usual = batch["rpm"], known[0]["rpm"] if 0 in known else np.empty((0, 4))
         same = min(len(rpm), len(usual))
         if first and same > 10 and np.any(usual) and np.array_equal(rpm[:same], usual[:same]):
             notes.append(f"rpm{first + 1}..{first + 4} left out: ESC_STATUS repeats rotors 1-4 there")
             continue
-        current = ampere * batch["current"]
-        speeds |= {
-            first + i: (batch["time_s"], rpm[:, i], current[:, i]) for i in range(4) if np.any(rpm[:, i])
-        }
+        told = {"rpm{}": rpm, "current{}_A": ampere * batch["current"]}
+        told |= {"temperature{}_C": batch["temperature"]} if "temperature" in batch else {}
+        for i in range(4):
+            if np.any(rpm[:, i]):
+                columns = {n: c[:, i] for n, c in told.items() if np.any(c[:, i])}
+                speeds[first + i] = batch["time_s"], columns
+        if info is not None and (of := rows_of(info, info["index"] == first)) is not None:
+            warm |= {first + i: (of["time_s"], 0.01 * of["temperature"][:, i]) for i in range(4)}
     motors = motors_of_escs(outputs, speeds, notes, premises)
     found: list[TimeSeries | None] = []
     for esc, motor in motors.items():
-        time_s, rpm, current = speeds[esc]
-        columns = {f"rpm{motor}": rpm} | ({f"current{motor}_A": current} if np.any(current) else {})
-        found.append(TimeSeries.of(time_s, columns))
+        time_s, columns = speeds[esc]
+        found.append(TimeSeries.of(time_s, {name.format(motor): c for name, c in columns.items()}))
+        if esc in warm and np.any(warm[esc][1]):
+            found.append(TimeSeries.of(warm[esc][0], {f"temperature{motor}_C": warm[esc][1]}))
     return found

@@ -297,8 +297,9 @@ def _rpm(
             motors = motors_of_escs(driver, range(len(rpm)), notes, premises)
         columns = {f"rpm{motor}": rpm[esc] for esc, motor in motors.items()}
         for esc, motor in motors.items():
-            if np.any(current := topic.get(f"esc[{esc}].esc_current", np.zeros(1))):
-                columns[f"current{motor}_A"] = current
+            for ours, theirs in (("current{}_A", "current"), ("temperature{}_C", "temperature")):
+                if np.any(told := topic.get(f"esc[{esc}].esc_{theirs}", np.zeros(1))):
+                    columns[ours.format(motor)] = told
         found.append(TimeSeries.of(topic["time_s"], columns))
     return found
 

@@ -15,6 +15,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from coaxlink.mavlink.telemetry import Telemetry, Timed
 from coaxlink.monitor.incoming.heard import Heard
 from coaxlink.vehicle import Vehicle
@@ -82,7 +84,9 @@ def rotor_speeds(heard: Heard, vehicle: Vehicle) -> RotorSpeeds:
     if chosen.extra:
         notes.append(f"{chosen.name} reports {chosen.extra} more than the airframe's {rotors} rotors")
     full_rpm = (vehicle.speed_model if chosen is measured else vehicle.model).speed_max_rpm
-    rpm = tuple(None if u is None else u * full_rpm for u in chosen.u)
+    known = np.array([np.nan if u is None else u for u in chosen.u])
+    turned = known if chosen is measured else vehicle.airframe.turned(vehicle.rotors, known)
+    rpm = tuple(None if u is None else float(t) * full_rpm for u, t in zip(chosen.u, turned, strict=True))
     old = not commanded.fresh(now) and chosen.fresh(now)
     throttle = (None,) * rotors if old else commanded.u
     return RotorSpeeds(chosen.name, chosen.basis, chosen.u, rpm, throttle, chosen.received_s, tuple(notes))

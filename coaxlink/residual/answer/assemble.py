@@ -285,12 +285,7 @@ def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
         load, _, term = name.partition(" ")
         if term in terms.get(load, {}):
             terms[load][term] += float(final[i])
-    return replace(
-        RotorModel.from_terms(model.form, model.speed_max_rpm, terms),
-        effects=model.effects,
-        identified=model.identified,
-        sources=model.sources,
-    )
+    return model.having(terms)
 
 
 def separable(

@@ -101,7 +101,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         raise InputError(source, "time_s", "no gapless stretch of 4 s or more")
     top = TOP_RATE_HZ if sum(r.rows_at(TOP_RATE_HZ) for r in runs) <= LONG_ROWS else LONG_RATE_HZ
     runs, share = _some(runs, top)
-    stretches = [_uniform(r, logs[r.log], motors, airframe.motor_lag_s, top) for r in runs]
+    stretches = [_uniform(r, logs[r.log], motors, airframe, model, top) for r in runs]
     rate = min(s.rate_hz for s in stretches)
     stretches = [_at_rate(s, rate) for s in stretches]
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
@@ -246,9 +246,11 @@ def _some(runs: list[_Run], top_hz: float) -> tuple[list[_Run], int]:
     return [piece for r in runs for piece in r.pieces(STRETCH_S)][::share], share
 
 
-def _uniform(run: _Run, log: Samples, motors: list[str], lag_s: float, top_hz: float) -> _Stretch:
+def _uniform(
+    run: _Run, log: Samples, motors: list[str], airframe: Airframe, model: RotorModel, top_hz: float
+) -> _Stretch:
     """A run on a uniform grid, with speeds behind the motors' lag, at most about this rate."""
-    step, t = run.step_s, log["time_s"][run.rows]
+    step, t, lag_s = run.step_s, log["time_s"][run.rows], airframe.motor_lag_s
     grid = np.arange(t[0], t[-1], step)
     columns = {"time_s": grid}
     for name in (*NEEDED[1:], *motors, *(name for name in OPTIONAL if log.has(name))):
@@ -259,7 +261,8 @@ def _uniform(run: _Run, log: Samples, motors: list[str], lag_s: float, top_hz: f
         values = np.unwrap(values) if name in ("roll_rad", "yaw_rad") else values
         columns[name] = np.interp(grid, t[good], values[good])
     commands = np.stack([columns.pop(m) for m in motors], axis=1)
-    columns["commands"] = np.clip(commands, 0.0, 1.0)
+    columns["given"] = np.clip(commands, 0.0, 1.0)
+    columns["commands"] = airframe.turned(model, columns["given"])
     columns["speeds"] = lagged(columns["commands"], step, lag_s)
     for every in COARSER:
         # what runs smoothly is no error of fewer rows: a spline passes it
@@ -311,6 +314,7 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         "time": c["time_s"],
         "stretch": np.full(rows, float(number)),
         "log": np.full(rows, float(piece.log)),
+        "given": c["given"],
         "commands": c["commands"],
         "speeds": np.clip(c["speeds"], 0.0, None),
         "rates": smooth,
@@ -412,7 +416,7 @@ def _judged(
     else:
         notes.append("height_m is not in the log: rows on the ground are recognised by thrust alone")
     # when a command comes off its limit between two rows, the log does not say
-    limited = ((joined["commands"] <= LIMIT) | (joined["commands"] >= 1.0 - LIMIT)).any(axis=1)
+    limited = ((joined["given"] <= LIMIT) | (joined["given"] >= 1.0 - LIMIT)).any(axis=1)
     near = np.convolve(limited, np.ones(2 * int(LIMIT_S * stretches[0].rate_hz) + 1), mode="same") > 0.5
     if 0 < np.sum(near & flying) < MOST_LIMITED * np.sum(flying):
         seconds = float(np.sum(near & flying)) / stretches[0].rate_hz

@@ -8,7 +8,6 @@ Whoever uses the effects must use both; one without the other misses by what the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -57,5 +56,4 @@ def rebased_flight(frame: FlightFrame, corrections: Mapping[str, float]) -> Roto
             change = np.linalg.lstsq(values, values @ np.array(list(named.values())) * share, rcond=1e-10)[0]
             for name, c in zip(list(named), change, strict=True):
                 named[name] += float(c)
-    changed = RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
-    return replace(changed, effects=model.effects, identified=model.identified, sources=model.sources)
+    return model.having(terms)

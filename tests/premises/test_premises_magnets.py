@@ -1,15 +1,13 @@
 """ESC speeds against commands and weight: a wrong number of magnets is named, a vehicle that sags is not."""
 
 import numpy as np
-import pytest
 from case_table import case_table
 
 from coaxlink.airframe import load_airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data import Samples
-from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.health.pole_count import check_poles
+from coaxlink.premises.magnets import miscounted
 from coaxlink.rotor import load_rotor_model
 
 X8, ROTORS = load_airframe(example("x8_paper.toml")), load_rotor_model(example("rotor_paper.toml"))
@@ -26,15 +24,22 @@ def hover(rpm_factor, command_factor=1.0, parameters=None):
 
 
 def test_magnets_are_named_with_their_parameter():
-    counted = {"SERVO_BLH_POLES": 14.0}
     with case_table() as case:
-        for magnets in (8, 10, 12, 20, 22, 24, 28, 36, 42):
-            with case(str(magnets)), pytest.raises(InputError, match=f"set SERVO_BLH_POLES .* to {magnets}"):
-                check_poles(hover(magnets / 14, parameters=counted), X8, ROTORS)
-    with pytest.raises(InputError, match="MOT_POLE_COUNT"):
-        check_poles(hover(2.0, parameters={"CA_ROTOR_COUNT": 8.0}), X8, ROTORS)
+        for parameters, taken, right, name in (
+            *(({"SERVO_BLH_POLES": 14.0}, 14, n, "SERVO_BLH_POLES") for n in (8, 10, 12, 20, 22, 28, 42)),
+            ({"SERVO_BLH_POLES": 28.0}, 28, 14, "SERVO_BLH_POLES"),
+            ({"MOT_POLE_COUNT": 12.0}, 12, 20, "MOT_POLE_COUNT"),
+            ({"SERVO1_FUNCTION": 33.0}, 14, 42, "SERVO_BLH_POLES"),
+            ({"CA_ROTOR_COUNT": 8.0}, 14, 22, "MOT_POLE_COUNT"),
+        ):
+            with case(f"{parameters} {right}"):
+                found = miscounted(hover(right / taken, parameters=parameters), X8, ROTORS)
+                assert (
+                    f"{right} magnets counted as {taken}? set {name} (or the ESC's own) to {right}"
+                    in found.why
+                )
 
 
 def test_a_pack_that_sags_is_no_miscount():
     for more in (1.0, 1.1, 1.2):  # commands go up, the motors turn as they must
-        check_poles(hover(1.0, more), X8, ROTORS)
+        assert miscounted(hover(1.0, more), X8, ROTORS) is None
