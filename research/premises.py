@@ -1,12 +1,16 @@
 """Every verb that judges, against every premise: what it says, and its exit code.
 
     python research/premises.py [--small] [--json F]
+    python research/premises.py --damages 200 [--verb health|refine] [LOG.ulg...]
 
 One flight of the example X8 in the compiled plant, sound, and one in which rotor 3 lost a fifth in mid
 flight, each written as the tlog that a ground station keeps. The premise is then taken away: the vehicle's
 file says that a number was guessed (and guesses wrong by 1.6), weighs a fifth less, is another vehicle's; the
 outputs are exchanged; a bit of the file is flipped; no parameter says which output is which motor. WRONG: a
 sound rotor is named, or a weak one, or another vehicle's flight, passes for sound.
+
+With `--damages` the two flights, and logs of the example X8 that are named, are flipped, cut and holed: the
+answer is that of the whole log, or it says that the log is damaged, or ends in the air. SILENT: neither.
 """
 
 from __future__ import annotations
@@ -15,10 +19,12 @@ import argparse
 import contextlib
 import io
 import json
+import random
 import re
 import struct
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -157,8 +163,11 @@ def words(verb: str, found: dict[str, Any], text: str) -> str:
     reasons = [f"measure {r['premise']}" for r in found.get("cannot_judge") or []]
     reasons += [r["check"] for r in found.get("not_this_vehicle") or []]
     named = [e["name"] for e in found.get("effects") or []]
-    named += [str(s["rotor"]) for s in (found.get("suspects") or [])[:1]]
+    if found.get("verdict") != "sound":
+        named += [str(s["rotor"]) for s in (found.get("suspects") or [])[:1]]
     verdict = found.get("verdict") or (text.strip().splitlines() or [""])[-1][:80]
+    if verb == "identify" and "terms" in found and not reasons:
+        verdict = "a model"
     return f"{verdict}: {', '.join(reasons or named)}" if reasons or named else str(verdict)
 
 
@@ -185,12 +194,91 @@ def alarm(frame: Path, sent: list[tuple[float, Any]]) -> str:
     return lines[-1][:90] if lines else watch.account()["word"] or "nothing"
 
 
+def flip(data: bytearray, dice: random.Random) -> bytearray:
+    """One bit, or twenty bytes."""
+    if dice.random() < 0.5:
+        data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
+    else:
+        for _ in range(20):
+            data[dice.randrange(len(data))] = dice.randrange(256)
+    return data
+
+
+def cut(data: bytearray, dice: random.Random) -> bytearray:
+    """Its end, or its beginning behind the head."""
+    at = dice.randrange(len(data) // 4, len(data))
+    return data[:at] if dice.random() < 0.7 else data[: len(data) // 20] + data[at - len(data) // 5 :]
+
+
+def hole(data: bytearray, dice: random.Random) -> bytearray:
+    """Something missing within, or zeros in its place, as of a sector that was not written."""
+    size = int(10 ** dice.uniform(1, 5))
+    at = dice.randrange(len(data))
+    return data[:at] + (bytes(size) if dice.random() < 0.5 else b"") + data[at + size :]
+
+
+def answered(verb: str, log: Path, frame: Path) -> tuple[str, tuple[str, ...]]:
+    """(the answer; what it grants or doubts)."""
+    told = frame.with_suffix(".json")
+    told.unlink(missing_ok=True)
+    code, text = said(verb, log, "--airframe", frame, "--json", told)
+    found = json.loads(told.read_text()) if told.is_file() else {}
+    if not found:
+        return f"refused ({code})", (text.strip().splitlines()[-1],)
+    lacks = (
+        *found.get("cannot_judge", ()),
+        *found.get("not_this_vehicle", ()),
+        *found.get("suspect_data", ()),
+    )
+    return words(verb, found, text), (*found.get("premises", ()), *(str(r["why"]) for r in lacks))
+
+
+def damages(count: int, verb: str, named: list[Path]) -> int:
+    """Print a row a way and a log; the number of answers that changed in silence."""
+    found: Counter[tuple[str, str, str]] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        frame, path = Path(folder) / "vehicle.toml", Path(folder) / "flight"
+        frame.write_text(airframe(lambda text: text))
+        (Path(folder) / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
+        whole = {}
+        for weak in (False, True):
+            write_tlog(path, messages(flown(weak=weak), ORDER, mapped=True))
+            whole["weak.tlog" if weak else "sound.tlog"] = path.read_bytes()
+        whole |= {f"{p.parent.name}/{p.name}": p.read_bytes() for p in named}
+        right = {}
+        for name, data in whole.items():
+            path.write_bytes(data)
+            right[name] = answered(verb, path, frame)
+            print(f"{name}, whole: {right[name][0]}", flush=True)
+        for n in range(count):
+            dice = random.Random(n)
+            name, way = list(whole)[n % len(whole)], (flip, cut, hole)[n // len(whole) % 3]
+            path.write_bytes(way(bytearray(whole[name]), dice))
+            answer, doubts = answered(verb, path, frame)
+            said_so = set(doubts) - set(right[name][1])
+            same = answer == right[name][0]
+            how = "the same" if same else "with doubt" if said_so else "SILENT"
+            found[name, way.__name__, how] += 1
+            if how == "SILENT" or (not same and not re.match("cannot|refused|not this", answer)):
+                print(f"{n}: {name}, {way.__name__}: {answer}; {how}: {'; '.join(said_so)}", flush=True)
+    print("| log | way | the same | with doubt | SILENT |\n|---|---|---:|---:|---:|")
+    for name, way in dict.fromkeys((a, b) for a, b, _ in sorted(found)):
+        cells = " | ".join(str(found[name, way, how]) for how in ("the same", "with doubt", "SILENT"))
+        print(f"| {name} | {way} | {cells} |")
+    return sum(number for (_, _, how), number in found.items() if how == "SILENT")
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--damages", type=int, metavar="N")
+    parser.add_argument("--verb", choices=("health", "refine"), default="health")
+    parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--small", action="store_true", help="one flight, two premises, for CI")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
+    if o.damages:
+        sys.exit(1 if damages(o.damages, o.verb, o.logs) else 0)
     chosen = ("inertia guessed", "outputs exchanged") if o.small else tuple(PREMISES)
     rows, wrong = [], 0
     print("| flight | premise | verb | says | exit | |\n|---|---|---|---|---:|---|")

@@ -47,8 +47,7 @@ def _judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> 
         return Health.withheld((), not_this_vehicle=differs)
     found = _over(frames, names)
     lacks = [reason for frame in frames for reason in lacking(frame)]
-    if found.verdict == "sound":
-        lacks += damage(logs)
+    lacks += damage(logs, _words(found))
     lacks += () if lacks else _hangs_on(found, frames, names)
     return Health.withheld(found.flights, cannot_judge=lacks) if lacks else found
 

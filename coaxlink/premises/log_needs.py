@@ -24,8 +24,10 @@ def lacking(frame: FlightFrame) -> Iterator[NotJudged]:
         yield NotJudged("log_rate", "a flight at 50 rows a second", why)
 
 
-def damage(logs: Sequence[Samples]) -> Iterator[NotJudged]:
-    """Of every log that could not be read in full: what is missing may be what matters."""
+def damage(logs: Sequence[Samples], said: str = "") -> Iterator[NotJudged]:
+    """Of every log that could not be read in full: what is missing may be what matters, and what is left may
+    be wrong; `said` is what it would mean."""
     for log in logs:
         if DAMAGED in log.premises:
-            yield NotJudged(DAMAGED, "by an undamaged log", f"{log.source}: {PREMISES[DAMAGED]}")
+            left = f"; what is left of it says: {said}" if said else ""
+            yield NotJudged(DAMAGED, "by an undamaged log", f"{log.source}: {PREMISES[DAMAGED]}{left}")

@@ -38,7 +38,7 @@ TELLS = 1.0 / RESPONSE
 WORKS = 0.05  # of full command: a motor turns
 SPEEDS = 0.15  # of rpm over the common curve: specimens and packs differ by less
 FULL_SPEED = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
-# of an ESC's current over its motor's power on the others' scale: what ESCs measure it by is good to a tenth or
+# of an ESC's current over its motor's power on the others' scale: ESCs' own sensors are good to a tenth or
 # two, efficiency between hover and twice its thrust changes by a tenth
 AMPERES = 1.5
 FEWEST = 10  # rows with a speed: ten seconds of ESCs that report once a second
@@ -202,8 +202,8 @@ def _currents(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
     if each.max() > AMPERES and each.min() < 1.0 / AMPERES:  # one alone is a fault
         most, least = numbers[int(each.argmax())], numbers[int(each.argmin())]
         why = (
-            f"current{most} and current{least} are {each.max():.2f} and {each.min():.2f} times what motor{most} "
-            f"and motor{least} draw on the others' scale: outputs or ESCs exchanged"
+            f"current{most} and current{least} are {each.max():.2f} and {each.min():.2f} times what their "
+            f"motors draw on the others' scale: outputs or ESCs exchanged"
         )
         yield OtherVehicle("currents", float(each.max()), (1.0 / AMPERES, AMPERES), why)
 

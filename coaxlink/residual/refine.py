@@ -75,12 +75,12 @@ def refine(
         if found.suspect_data and not found.effects:
             # an instrument that is wrong makes another vehicle of this one; its motors it leaves alone
             differs = tuple(d for d in differs if d.check in ("motors", "outputs"))
-            return found.claiming_nothing(not_this_vehicle=differs) if differs else found
+            lacks = list(damage(several))
+            return found.claiming_nothing(lacks, differs) if differs or lacks else found
         if differs:
             return found.claiming_nothing(not_this_vehicle=differs)
-        lacks = [*lacking(bare), *at_bounds(found, bare)]
-        if found.at_floor:
-            lacks += damage(several)
+        names = " and ".join(sorted(e.name for e in found.effects)) or found.verdict
+        lacks = [*lacking(bare), *at_bounds(found, bare), *damage(several, names)]
         if not lacks:
             progress("moving what nobody measured")
             lacks = _hangs_on(found, several, bare)

@@ -6,12 +6,13 @@ import pytest
 from case_table import case_table
 
 from coaxlink.files import example
+from coaxlink.premises import turned_otherwise
 from coaxlink.rotor import load_rotor_model
 from coaxlink.setup import Body, ardupilot_layout, check_against, completed, px4_layout
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.tables.px4 import report_px4
 from coaxlink.uploading.ardupilot_table import moved_rotors, planned_table, present_table
-from coaxlink.vehicle import Vehicle, turned_otherwise
+from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import motor_test_sequence
 from firmware_params.ardupilot.owners_script import own_matrix
 
@@ -49,7 +50,7 @@ def test_every_coaxial_frame_through_every_step():
                     assert check_direction(rotor, angle) and (rotor.number in ccw) == (rotor.yaw_sign > 0)
                 assert check_against(frame, layout) == ()
                 vehicle = Vehicle(frame, MODEL)
-                assert bool(turned_otherwise(vehicle)) == (shape in (20, 21))
+                assert bool(turned_otherwise(vehicle.declared, vehicle.rotors)) == (shape in (20, 21))
                 made = report_ap(vehicle, "standard")
                 assert not made.blocking
                 scripts = {name: text.encode() for name, text in made.scripts.items()}
