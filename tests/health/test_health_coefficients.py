@@ -75,7 +75,7 @@ def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
 
 def test_damaged_commands_teach_no_speeds(flown):
     vehicle, fly = flown
-    log, top = fly("wander"), vehicle.rotors.speed_max_rpm
+    log = fly("wander")
     damaged = np.arange(log.rows) % 40 == 7
     harmed = log.with_columns(motor1=np.where(damaged, 37.0, log["motor1"]))
     sound, found = (_by_speed(x, vehicle.declared, vehicle.rotors)["motor1"] for x in (log, harmed))
