@@ -15,8 +15,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pymavlink.dialects.v20 import common as m
-
 from sim.line.links import Peer, Port, wait
 from sim.line.memory import Memory
 from sim.line.signing import Signing
@@ -25,6 +23,7 @@ from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import LoopDemand
 from sim.px4.protocol import Conversation
 from sim.px4.telemetry import stamp_us
+from sim.words import spoken
 
 PATIENCE_S = 0.020
 LOCKSTEP_S = 10.0  # wall time
@@ -195,7 +194,8 @@ class Standin:
             conversation.send(message)
 
     def _say(self, severity: int, text: str) -> None:
-        self._everyone(m.MAVLink_statustext_message(severity, text.encode()[:50]))
+        for piece in spoken(severity, text):
+            self._everyone(piece)
         if self.autopilot.logger is not None:
             self.autopilot.logger.say(severity, text)
 

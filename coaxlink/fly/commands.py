@@ -18,10 +18,12 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink.session import Session
+from coaxlink.mavlink.telemetry import Telemetry
 
 PX4_OFFBOARD, PX4_AUTO, PX4_LOITER = 6, 4, 3  # main modes, and a sub mode
 AP_GUIDED, AP_LAND = 4, 9  # ArduCopter's modes
 READY_S = 15.0  # how long a vehicle that has just started may take until its own checks let it arm
+WORDS_S = 0.3  # after a refusal, for its reasons
 SILENCE_S = 15.0  # without a position before the link counts as lost; a busy machine may stall
 REACHED = 0.9  # of the height of a take-off
 _LEAD = 15  # set-points before PX4 lets its mode change
@@ -80,7 +82,8 @@ class Commander:
     PlanAbandoned when somebody else takes the vehicle."""
 
     def __init__(self, session: Session) -> None:
-        self.session = session
+        self.session, self.telemetry = session, Telemetry(session.clock.monotonic)
+        session.subscribe(self.telemetry.hear)
         self._ardupilot = session.identity.is_ardupilot
         if self._ardupilot:  # it streams what it is asked for
             session.request_stream(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 50.0)
@@ -223,12 +226,17 @@ class Commander:
         return message
 
     def _command(self, what: str, command: int, *parameters: float) -> None:
+        clock = self.session.clock
+        asked_s = clock.monotonic()
         result = self.session.command(command, *parameters)
-        if result != mavlink.MAV_RESULT_ACCEPTED:
-            known = mavlink.enums["MAV_RESULT"].get(result)
-            said = self.session.latest("STATUSTEXT")
-            words = f"; it says: {said.text}" if said is not None else ""
-            raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
+        if result == mavlink.MAV_RESULT_ACCEPTED:
+            return
+        clock.sleep(WORDS_S)  # what it has to say may come after its answer, in several pieces
+        said = self.telemetry.texts
+        fresh = [text.text for text in said if text.received_s >= asked_s] or [t.text for t in said[-1:]]
+        words = f"; it says: {', '.join(dict.fromkeys(fresh))}" if fresh else ""
+        known = mavlink.enums["MAV_RESULT"].get(result)
+        raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
 
     def _offboard(self, setpoint: Setpoint, start: Start) -> None:
         """PX4 changes its mode while set-points come; where they came late it is asked again."""

@@ -18,7 +18,6 @@ from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
 from coaxlink.fly.sizing import MOST, first_swing, overshoot, sized
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink import Session
-from coaxlink.mavlink.telemetry import Telemetry
 
 # message id: rate in Hz; what the limits are held against
 STREAMS = {32: 20.0, 30: 20.0, 33: 2.0, 1: 2.0, 147: 2.0, 245: 2.0}
@@ -66,8 +65,8 @@ class Pilot:
 
     def __init__(self, session: Session, limits: FlightLimits) -> None:
         self.session, self.limits = session, limits
-        self._commander, self._telemetry = Commander(session), Telemetry(session.clock.monotonic)
-        session.subscribe(self._telemetry.hear)
+        self._commander = Commander(session)
+        self._telemetry = self._commander.telemetry
         self._start = Start()
         for number, rate in STREAMS.items():
             session.request_stream(number, rate)

@@ -105,7 +105,10 @@ class Telemetry:
             self._messages: dict[str, dict[int, Timed]] = {}
             self._values: dict[str, dict[int, Timed]] = {}
             self._texts: deque[Text] = deque(maxlen=MOST_TEXTS)
-            self._piece = (0, 0)  # id and number of the last piece of a long text
+            self._piece, self._said = (
+                (0, 0),
+                "",
+            )  # the last piece of a text: id and number; what there is of it
 
     def hear(self, message: Any) -> None:
         """Take a message of the autopilot; a session's subscriber."""
@@ -167,17 +170,18 @@ class Telemetry:
             return tuple(self._texts)
 
     def _say(self, message: Any, now: float) -> None:
+        """A long text comes in pieces; PX4 ends what is an event as well with a tab."""
         raw = message.text
-        words = raw.decode("utf-8", "replace") if isinstance(raw, bytes) else str(raw)
-        words = plain(words.partition("\0")[0], _LONG)
+        words = (raw.decode("utf-8", "replace") if isinstance(raw, bytes) else str(raw)).partition("\0")[0]
         piece = int(message.id), int(message.chunk_seq)
-        follows = piece[0] and piece == (self._piece[0], self._piece[1] + 1)
+        follows = piece[1] > 0 and piece == (self._piece[0], self._piece[1] + 1)
         self._piece = piece
+        self._said = (self._said + words)[:_LONG] if follows else words
+        text = plain(self._said.rstrip("\t"), _LONG).strip()
         if follows and self._texts:
-            last = self._texts.pop()
-            self._texts.append(replace(last, text=(last.text + words)[:_LONG]))
-        elif words.strip():
-            self._texts.append(Text(now, self.clock_s, int(message.severity), words.strip()))
+            self._texts.append(replace(self._texts.pop(), text=text))
+        elif text:
+            self._texts.append(Text(now, self.clock_s, int(message.severity), text))
 
 
 # -- what is in a message: (quantity, index, value) ----------------------------------------------------------

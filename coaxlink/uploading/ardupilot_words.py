@@ -8,20 +8,19 @@ error (AP_Scripting::arming_checks). Only the board can say which it is.
 from __future__ import annotations
 
 import re
-from collections import deque
 from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed
-from coaxlink.mavlink.session import Message, Session
+from coaxlink.mavlink.session import Session
+from coaxlink.mavlink.telemetry import Telemetry
 from firmware_params.ardupilot import scripts
 
 RUN_PREARM_CHECKS = 401  # MAV_CMD: it says each reason not to arm as a text, and answers ACCEPTED
 _ROUND_S = 0.7  # for the texts of one run to arrive
 _AGAIN_S = 1.0
 _ROUNDS, _ROUNDS_LOSSY, _LOSSY = 2, 4, 0.005  # runs without a complaint; a lossy line may swallow a text
-_KEPT = 100
 _OF_MATRIX = re.compile(r"\b(?:MotorsMatrix|Motors_dynamic|Motors_6DoF)\b")
 _NOT_CODE = re.compile(
     r"""--\[(=*)\[.*?\]\1\]|--[^\n]*|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|\[(=*)\[.*?\]\2\]""", re.DOTALL
@@ -48,44 +47,32 @@ class Words:
     """The texts of one board since its last start, as far as they were heard."""
 
     def __init__(self, session: Session) -> None:
-        self._session = session
-        self._texts: deque[tuple[int, str]] = deque(maxlen=_KEPT)
-        session.subscribe(self._hear)
-
-    def _hear(self, message: Message) -> None:
-        if message.get_type() == "STATUSTEXT":
-            self._texts.append((int(message.severity), str(message.text).strip("\0 ")))
+        self._session, self._heard = session, Telemetry(session.clock.monotonic)
+        session.subscribe(self._heard.hear)
 
     def forget(self) -> None:
         """The board starts anew."""
-        self._texts.clear()
+        self._heard.clear()
 
     def failure(self) -> str:
         """A script's own word that it failed, "" where none was heard."""
-        severe = (t for s, t in self._texts if s <= mavlink.MAV_SEVERITY_ERROR and t.startswith(_ERRORS))
-        return next(severe, "")
+        severe = (t.text for t in self._heard.texts if t.severity <= mavlink.MAV_SEVERITY_ERROR)
+        return next((text for text in severe if text.startswith(_ERRORS)), "")
 
     def motors(self) -> int | None:
         """How many motors our script said that it set, None where it was not heard."""
-        found = [m for _, text in self._texts if (m := _MATRIX_WORD.match(text))]
+        found = [m for t in self._heard.texts if (m := _MATRIX_WORD.match(t.text))]
         return int(found[-1][1]) if found else None
 
     def prearm(self) -> list[str] | None:
         """Why it would not arm, by its own checks; None where it does not run them on request."""
-        reasons: list[str] = []
-
-        def hear(message: Message) -> None:
-            if message.get_type() == "STATUSTEXT" and str(message.text).startswith("PreArm:"):
-                reasons.append(str(message.text).strip("\0 "))
-
-        leave = self._session.subscribe(hear)
-        try:
-            result = self._session.command(RUN_PREARM_CHECKS, timeout_s=_ROUND_S, tries=8)
-            self._session.clock.sleep(_ROUND_S)
-        finally:
-            leave()
-        taken = result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        return reasons if taken else None
+        asked_s = self._session.clock.monotonic()
+        result = self._session.command(RUN_PREARM_CHECKS, timeout_s=_ROUND_S, tries=8)
+        self._session.clock.sleep(_ROUND_S)
+        if result not in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED):
+            return None
+        since = (t.text for t in self._heard.texts if t.received_s >= asked_s)
+        return [text for text in since if text.startswith("PreArm:")]
 
     def table_complaint(self, motors: int | None, wait_s: float) -> str:
         """Why the board does not fly the table, in its own words; "" once it is sure that it does.

@@ -15,7 +15,7 @@ from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
 from sim.line.links import Peer
 from sim.line.wire import Clock
 from sim.px4.autopilot import Refused
-from sim.px4.protocol import ACCEPTED, DENIED, FAILED, TEMPORARILY, UNSUPPORTED, Conversation, _status, _text
+from sim.px4.protocol import ACCEPTED, DENIED, FAILED, TEMPORARILY, UNSUPPORTED, Conversation, _text
 
 NO_SUCH_PARAM, NOT_ALLOWED = 1, 3  # MAV_PARAM_ERROR_DOES_NOT_EXIST, _PERMISSION_DENIED
 SCRIPTING = 42701
@@ -41,6 +41,7 @@ class ApConversation(Conversation):
     first_log = 1
     unknown_stream = DENIED
     words_to_stations_only = False
+    words_end = ""
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None], clock: Clock) -> None:
         super().__init__(autopilot, peer, everyone, clock)
@@ -108,7 +109,7 @@ class ApConversation(Conversation):
             self._param_error(message, name)
             return
         if store.refuses(name):
-            self._everyone(_status(4, f"Param write denied ({name})"))
+            self._say(4, f"Param write denied ({name})")
             self._param_error(message, name, NOT_ALLOWED)
             self._everyone(self._named(name))
             return
@@ -130,14 +131,14 @@ class ApConversation(Conversation):
     def _set_interval(self, message_id: int, interval_us: float) -> int:
         """A message that it does not know is told of to everyone."""
         if message_id not in self.builders:
-            self._everyone(_status(6, f"No ap_message for mavlink id ({message_id})"))
+            self._say(6, f"No ap_message for mavlink id ({message_id})")
         return super()._set_interval(message_id, interval_us)
 
     def _set_mode(self, message: Any) -> None:
         try:
             self.copter.set_ap_mode(message.custom_mode)
         except Refused as error:
-            self._everyone(_status(4, str(error)))
+            self._say(4, str(error))
 
     def _refusal(self, command: int) -> tuple[int, int]:
         return 2, FAILED
@@ -176,7 +177,7 @@ class ApConversation(Conversation):
             if a.armed:
                 return TEMPORARILY, None
             if reason := a.prearm():
-                self._everyone(_status(2, reason))
+                self._say(2, reason)
         elif command == 310:
             return UNSUPPORTED, None
         else:

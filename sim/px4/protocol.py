@@ -19,6 +19,7 @@ from sim.line.wire import Clock
 from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
 from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, stamp_us
+from sim.words import spoken
 
 DEMANDS = (140, 350)  # go out before mixing
 UINT32 = 5
@@ -38,6 +39,7 @@ class Conversation:
     file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
     first_log = 0
     words_to_stations_only = True  # STATUSTEXT goes where a ground station's heartbeat is heard
+    words_end = "\t"  # of a text that is an event as well
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
 
     def __init__(
@@ -197,11 +199,15 @@ class Conversation:
                 )
             )
 
+    def _say(self, severity: int, text: str) -> None:
+        for piece in spoken(severity, text + self.words_end):
+            self._everyone(piece)
+
     def _set_mode(self, message: Any) -> None:
         try:
             self.autopilot.set_mode(Mode(message.custom_mode))
         except (ValueError, Refused) as error:
-            self._everyone(_status(4, str(error)))
+            self._say(4, str(error))
 
     def _command_long(self, message: Any) -> None:
         params = [getattr(message, f"param{k}") for k in range(1, 8)]
@@ -223,7 +229,7 @@ class Conversation:
         a = self.autopilot
         height, least = above_sea - a.home.alt, float(a.settings["MIS_TAKEOFF_ALT"])
         if math.isfinite(height) and height < least - 0.1:
-            self._everyone(_status(2, f"Using minimum takeoff altitude: {least:.2f} m"))
+            self._say(2, f"Using minimum takeoff altitude: {least:.2f} m")
             return least
         return height if math.isfinite(height) else math.nan
 
@@ -240,7 +246,7 @@ class Conversation:
             result, after = self._execute(command, params)
         except Refused as error:
             severity, result, after = *self._refusal(command), None
-            self._everyone(_status(severity, str(error)))
+            self._say(severity, str(error))
         source = message.get_srcSystem(), message.get_srcComponent()
         self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
         if after is not None:
@@ -399,7 +405,3 @@ class Conversation:
 def _text(param_id: str | bytes) -> str:
     raw = param_id.encode() if isinstance(param_id, str) else param_id
     return raw.split(b"\0")[0].decode(errors="replace")
-
-
-def _status(severity: int, text: str) -> Any:
-    return m.MAVLink_statustext_message(severity, text.encode()[:50])

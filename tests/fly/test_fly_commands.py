@@ -12,6 +12,8 @@ from coaxlink.errors import SafetyRefusal
 from coaxlink.fly.commands import Commander, ModeWatch, PlanAbandoned, Start
 from coaxlink.fly.trajectory import FlightPlan, Hold
 from coaxlink.mavlink import connect
+from coaxlink.mavlink.station import hear_words
+from sim.px4.autopilot import Refused
 
 OFFBOARD, POSITION = 6, 3  # main modes of PX4
 PLAN = FlightPlan((Hold("hover", (0.0, 0.0, -3.0), 4.0),))
@@ -103,6 +105,19 @@ def test_a_mode_that_set_points_came_too_late_for_is_asked_for_again(px4):
 
         commander._mode = refused_once
         assert len(commander.follow(PLAN).time_s) > 40
+
+
+def test_a_refused_arming_is_in_the_vehicles_own_words(px4, monkeypatch):
+    """They are longer than one message."""
+
+    def refuse():
+        raise Refused("Arming denied: Resolve system health failures first")
+
+    monkeypatch.setattr(px4.autopilot, "arm", refuse)
+    with meet(px4) as session, pytest.raises(SafetyRefusal) as refused:
+        hear_words(session)
+        Commander(session).arm()
+    assert str(refused.value).endswith("it says: Arming denied: Resolve system health failures first")
 
 
 def test_one_heartbeat_of_another_mode_ends_it_but_not_one_that_was_under_way():

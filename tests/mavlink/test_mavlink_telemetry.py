@@ -13,6 +13,7 @@ from coaxlink.mavlink.telemetry import ON_BOARD, STALE_S, Telemetry
 from firmware_params.ardupilot.messages import MAVLink_esc_telemetry_5_to_8_message as EscTelemetry
 from firmware_params.px4.messages import MAVLink_esc_info_message as EscInfo
 from firmware_params.px4.messages import MAVLink_esc_status_message as EscStatus
+from sim.words import spoken
 
 
 def heard(*messages: Any) -> Telemetry:
@@ -117,9 +118,13 @@ def test_armed_and_landed_are_the_last_word() -> None:
 
 
 def test_texts_are_plain_and_long_ones_are_joined() -> None:
-    long = [mavlink.MAVLink_statustext_message(4, b"x" * 50, 7, k) for k in range(2)]
-    telemetry = heard(mavlink.MAVLink_statustext_message(6, b"\x1b[31mArming\x07\0rest"), *long)
+    long = [mavlink.MAVLink_statustext_message(4, b"x" * 49 + b" ", 7, k) for k in range(2)]
+    first, event = "Arming denied: Resolve system health failures first", "Preflight Fail: no words\t"
+    telemetry = heard(
+        mavlink.MAVLink_statustext_message(6, b"\x1b[31mArming\x07\0rest"), *long,
+        *spoken(2, f"{first}\t"), *spoken(2, event),
+    )  # fmt: skip
     assert [(t.word, t.text) for t in telemetry.texts] == [
-        ("info", r"\x1b[31mArming\x07"),
-        ("warning", "x" * 100),
-    ]
+        ("info", r"\x1b[31mArming\x07"), ("warning", f"{'x' * 49} {'x' * 49}"),
+        ("critical", first), ("critical", event.strip()),
+    ]  # fmt: skip

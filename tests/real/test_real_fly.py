@@ -17,7 +17,7 @@ import pytest
 
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
-from real_autopilots import AIRFRAME, ROOT, arducopter, held, px4
+from real_autopilots import AIRFRAME, ROOT, Loss, arducopter, held, px4
 from test_real_ardupilot import FACTORY
 from test_real_px4 import factory
 
@@ -79,15 +79,17 @@ class Flier:
 
 
 @contextmanager
-def flier(firmware: str, folder: Path, *options: str, **params: float) -> Iterator[Flier]:
-    """A vehicle whose owner set it up, on the ground and ready."""
+def flier(
+    firmware: str, folder: Path, *options: str, loss: Loss | None = None, **params: float
+) -> Iterator[Flier]:
+    """A vehicle whose owner set it up, on the ground and ready; options are its world's."""
     home, out = folder / "board", folder / "flight"
     home.mkdir()
     values = CARES[firmware] | params
     with ExitStack() as stack:
         if firmware == "px4":
             world = ("--airframe", str(AIRFRAME), "--speed", "2", *options)
-            board = stack.enter_context(px4(Path(BINARIES[firmware]), home, *world))
+            board = stack.enter_context(px4(Path(BINARIES[firmware]), home, *world, loss=loss, speed=2.0))
             url = stack.enter_context(board.boot(factory(folder / "standard") | values))
             pilot = f"udpout:127.0.0.1:{18570 + board.instance}"
         else:
@@ -96,7 +98,13 @@ def flier(firmware: str, folder: Path, *options: str, **params: float) -> Iterat
             world = ("--airframe", str(AIRFRAME), *options)
             url = stack.enter_context(
                 arducopter(
-                    Path(BINARIES[firmware]), home, FACTORY | values, *world, speed=2.0, second_port=port
+                    Path(BINARIES[firmware]),
+                    home,
+                    FACTORY | values,
+                    *world,
+                    speed=2.0,
+                    second_port=port,
+                    loss=loss,
                 )
             )
         vehicle = Flier(firmware, url, pilot, out)
@@ -229,6 +237,21 @@ def test_it_is_refused_while_armed(tmp_path: Path, firmware: str) -> None:
         code, told, found = vehicle.fly("--plan", "hover", "--battery", "0")
         assert code == 4 and "the vehicle is armed" in told
         assert found["result"] == "not armed"
+
+
+@pytest.mark.skipif(not BINARIES["px4"], reason="PX4_SITL names no binary")
+def test_a_refused_arming_is_in_its_own_words(tmp_path: Path) -> None:
+    """PX4 sends its words to whoever beats as a ground station."""
+    (tmp_path / "board").mkdir()
+    values = factory(tmp_path / "standard") | CARES["px4"] | {"COM_ARM_ODID": 2}
+    with (
+        px4(Path(BINARIES["px4"]), tmp_path / "board", "--airframe", str(AIRFRAME)) as board,
+        board.boot(values) as url,
+    ):
+        vehicle = Flier("px4", url, "", tmp_path / "flight")
+        code, told, _ = vehicle.fly("--plan", "hover", "--battery", "0")
+    sys.stdout.write(f"\n{code}: {told}")
+    assert code == 4 and "it says: " in told and "Resolve system health failures first" in told
 
 
 @pytest.mark.skipif(not BINARIES["px4"], reason="PX4_SITL names no binary")

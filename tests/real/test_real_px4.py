@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -98,6 +99,23 @@ def test_refine_finds_what_is_hidden_behind_the_real_one(tmp_path: Path) -> None
     assert weak["rotor"] == 3 and weak["thrust_loss"] == pytest.approx(0.2, abs=0.02)
     before, after = added["rotor_drag"]["rmse"]["force_x"]  # whatever form of drag the flight chose
     assert after < 0.15 * before
+
+
+def test_a_table_that_changed_within_a_log_is_no_change_of_the_vehicle(board: Px4, tmp_path: Path) -> None:
+    """SDLOG_MODE 1 logs from boot: the log begins with the table before the upload."""
+    tables, out = tmp_path / "fitted", tmp_path / "refined.json"
+    coaxlink("table", str(AIRFRAME), "--firmware", "px4", "--out", str(tables))
+    with board.boot(factory(tmp_path / "standard") | {"SDLOG_MODE": 1}) as url:
+        upload(url, tables, tmp_path)
+        with connect(url, timeout_s=60.0) as session:
+            vehicle = take_off(session)
+            vehicle.follow(paper_flight())
+            vehicle.land()
+    (log,) = board.folder.glob("log/*/*.ulg")
+    done = coaxlink("refine", str(log), "--airframe", str(AIRFRAME), "--json", str(out), fails=True)
+    found = json.loads(out.read_text())
+    sys.stdout.write(f"\nexit {done.returncode}: {done.stdout}{done.stderr}")
+    assert not found["effects"] and "(THR_MDL_FAC 1 to 0.726118)" in done.stdout
 
 
 def held_to_realise(pulses: np.ndarray, tables: Path) -> None:

@@ -1,0 +1,56 @@
+"""`coaxlink health` on logs that the real PX4 and ArduCopter kept: PX4_SITL, ARDUCOPTER_SITL name them.
+
+Every test prints what it measured: `pytest -s`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from real_autopilots import AIRFRAME, Loss, coaxlink
+from test_real_fly import ENDING, Flier, firmwares, flier
+
+pytestmark = pytest.mark.timeout(1800)
+WEAK, AFTER_S = 3, 15.0
+
+
+def judged(vehicle: Flier, plan: str, folder: Path) -> dict[str, Any]:
+    """What `health` says of a flight of this plan, and how far it was off the plan."""
+    vehicle.out = folder / plan
+    code, told, flown = vehicle.fly("--plan", plan, "--height", "4")
+    assert code == 0, told
+    log, answer = vehicle.out / f"flight.{ENDING[vehicle.firmware]}", vehicle.out / "health.json"
+    done = coaxlink("health", str(log), "--airframe", str(AIRFRAME), "--json", str(answer), fails=True)
+    assert answer.is_file(), done.stderr
+    found: dict[str, Any] = json.loads(answer.read_text())
+    rotors = found["flights"][-1]["rotors"] if found["flights"] else []
+    outside = [r["rotor"] for r in rotors if not r["thrust"][1] <= 1.0 <= r["thrust"][2]]
+    sys.stdout.write(
+        f"\n{vehicle.firmware}, {plan}: {found['verdict']}, {found['cannot_judge']}, loss of 5 % "
+        f"{found['probability']:.4f}, load moved {found['payload_moved']:.3f}, outside {outside}, "
+        f"off the plan {flown['worst_off_plan_m']:.2f} m, worst {found['suspects'][:1]}"
+    )
+    return found | {"outside": outside, "said": done.stdout}
+
+
+@firmwares
+def test_sound_rotors_are_sound_and_inside_their_intervals(tmp_path: Path, firmware: str) -> None:
+    with flier(firmware, tmp_path) as vehicle:
+        for plan in ("hover", "circle", "steps", "identify"):
+            found = judged(vehicle, plan, tmp_path)
+            assert found["verdict"] in ("sound", "cannot judge") and not found["outside"]
+            assert found["payload_moved"] < 0.5 and "centre of mass" not in found["said"]
+
+
+@firmwares
+@pytest.mark.parametrize("plan", ["circle", "identify"])
+def test_a_rotor_that_loses_a_tenth_in_the_air_is_named(tmp_path: Path, firmware: str, plan: str) -> None:
+    with flier(firmware, tmp_path, loss=Loss(WEAK, 0.1, after_s=AFTER_S)) as vehicle:
+        found = judged(vehicle, plan, tmp_path)
+    worst = found["suspects"][0]
+    assert found["verdict"] == "ground it" and worst["rotor"] == WEAK
+    assert worst["loss"][1] < 0.1 < worst["loss"][2]
