@@ -154,7 +154,7 @@ def _read(logs: list[Path], how: StandOptions, joined: bool) -> list[Samples]:
 
 
 def _print(result: Identification, checks: LogChecks) -> None:
-    from coaxlink.report.identify import remarks, tables
+    from coaxlink.report.identify import remarks, sentence, tables
 
     say(f"{result.data.samples.source}: {result.data.samples.rows} rows")
     for line in checks.odd:
@@ -162,6 +162,7 @@ def _print(result: Identification, checks: LogChecks) -> None:
     for line in checks.covers:
         say(f"- {line}")
     screen = console()
+    screen.print(sentence(result))
     for table in tables(result):
         screen.print(table)
     for remark in remarks(result):

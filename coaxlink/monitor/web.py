@@ -40,6 +40,7 @@ LEAVING_S = 3.0  # a page that is loaded anew: so long its old process may take 
 SIDES = ((20, 500), (5, 200))  # columns, rows of a page
 MESSAGE = 1 << 16  # bytes that a browser may say at once
 TEXT = 4096  # bytes kept of what a process said last
+LEFT = 4001  # how a page is closed whose screen was left by its own key; another close is a broken line
 READY = b"__GANGLION__\n"
 KEYS = (  # buttons below the screen: what a phone has no keys for
     ("Split", "1"), ("Error", "2"), ("Parameters", "3"), ("Messages", "4"), ("Health", "5"), ("Pause", "p"),
@@ -138,11 +139,13 @@ class WebMonitor:
     async def _index(self, request: web.Request) -> web.Response:
         if full := await self._full():
             return _said(503, full[0].upper() + full[1:])
-        text = self._page.render(socket=f"ws://{self._own}/ws/{self._token}", keys=json.dumps(KEYS))
+        text = self._page.render(
+            socket=f"ws://{self._own}/ws/{self._token}", keys=json.dumps(KEYS), left=LEFT
+        )
         inline = "'self' 'unsafe-inline'"
         policy = (
             f"default-src 'self'; script-src {inline}; style-src {inline}; img-src 'self' data:; "
-            f"connect-src ws://{self._own}; frame-ancestors 'none'"
+            f"connect-src 'self' ws://{self._own}; frame-ancestors 'none'"
         )
         headers = {
             "Content-Security-Policy": policy, "Referrer-Policy": "no-referrer", "Cache-Control": "no-store",
@@ -202,7 +205,7 @@ class WebMonitor:
             self._running.discard(process)
             said = plain_lines((await told).decode(errors="replace")[-TEXT:]).replace("\n", "\r\n")
         if code == 0:
-            await page.close()
+            await page.close(code=LEFT)
         elif not page.closed:  # it stays on the page until that is left
             await page.send_bytes(b"\x1b[2J\x1b[H" + (said or f"ended with code {code}").encode())
 
@@ -253,5 +256,6 @@ def _side(which: int, given: Any) -> int:
 
 def _said(status: int, text: str) -> web.Response:
     phone = '<meta name="viewport" content="width=device-width,initial-scale=1">'
-    page = f"<!DOCTYPE html>{phone}<title>coaxlink monitor</title><p>{html.escape(text)}</p>"
+    style = "<style>body{margin:2rem;background:#0c181f;color:#dde;font:1.1rem system-ui,sans-serif}</style>"
+    page = f"<!DOCTYPE html>{phone}<title>coaxlink monitor</title>{style}<p>{html.escape(text)}</p>"
     return web.Response(status=status, text=page, content_type="text/html")

@@ -40,10 +40,9 @@ def answer(s: Summary) -> Iterator[str]:
     for law, found in s.paired.items():
         better = [_change(f, p) for f, p in found.items() if p.ci[1] < 0.0]
         worse = [_change(f, p) for f, p in found.items() if p.ci[0] > 0.0]
-        same = len(found) - len(better) - len(worse)
         yield (
-            f"{law} against {s.laws[0]}: worse in {', '.join(worse) or 'nothing'}; better in "
-            f"{', '.join(better) or 'nothing'}; no clear difference in {same} of {len(found)} figures."
+            f"{law} against {s.laws[0]}: {len(better)} of {len(found)} figures better, {len(worse)} worse. "
+            f"Worse: {', '.join(worse) or 'none'}. Better: {', '.join(better) or 'none'}."
         )
 
 

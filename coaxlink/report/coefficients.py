@@ -12,6 +12,7 @@ from coaxlink.health.coefficients import NORMAL_95, Update
 from coaxlink.health.next_flight import NextFlight
 from coaxlink.report.terminal import grouped, table
 
+SAID = {"told": "identified", "partly": "partly", "not told": "not identified"}
 CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 
@@ -24,7 +25,7 @@ def coefficient_table(update: Update, planned: NextFlight | None = None) -> Any:
     before = ""
     for t in update.coefficients:
         prior, after = (rounded(v, NORMAL_95 * sd) for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd)))
-        rows.append([t.load if t.load != before else "", t.term, prior, after, t.verdict])
+        rows.append([t.load if t.load != before else "", t.term, prior, after, SAID[t.verdict]])
         if planned:
             half = NORMAL_95 * expected[t.load, t.term]
             rows[-1].append("± " + rounded(0.0, half).rpartition(" ")[2])
@@ -55,7 +56,7 @@ def hover_table(update: Update) -> Any:
 
 
 def words(update: Update) -> Iterator[str]:
-    """What the flights told, what they did not, and which flight would tell more."""
+    """What the flights identified, what they did not, and which flight would identify more."""
     yield from update.notes
     for name, before, after in zip(CHANNELS, *update.rms, strict=True):
         yield f"{name}: residual of the model alone {before:.3g} before, {after:.3g} after"
@@ -66,6 +67,6 @@ def words(update: Update) -> Iterator[str]:
     largest = max(thrust.values())
     if largest > 0.02 * float(np.sum([update.loads[load][2] for load in thrust])):
         yield (
-            f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: flights tell "
+            f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: flights identify "
             "their sum, which is what a table needs; a plan of the next flight weighs another split"
         )

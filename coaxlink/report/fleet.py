@@ -10,7 +10,7 @@ import numpy as np
 
 from coaxlink.report.campaign import number
 from coaxlink.report.html import PagePicture, PageTable, render
-from coaxlink.report.pictures.figures import drawn, new_figure
+from coaxlink.report.pictures.figures import drawn, new_figure, plain_axis
 from coaxlink.report.pictures.looks import LOOKS
 from coaxlink.studies.fleet import Fleet, Trend
 
@@ -47,25 +47,27 @@ def picture(fleet: Fleet) -> bytes:
     """PNG: which vehicle had how many findings when, and the believed ones' sizes over time."""
     ailing = list(dict.fromkeys(c.vehicle for c in fleet.believed))
     shown = [*ailing, *(v for v in fleet.vehicles if v not in ailing)][:MOST_DRAWN]
-    figure = new_figure(11, 3.5 + 0.16 * len(shown))
+    figure = new_figure(4.5 + 0.24 * len(shown))
     over, under = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 0.4 + 0.08 * len(shown)))
     for c, look in zip(fleet.believed, itertools.cycle(LOOKS), strict=False):
         when = [datetime.datetime.fromisoformat(d) for d in c.dates]
         size = 100.0 * np.array(c.values) if c.unit == "1" else np.array(c.values)
         label = f"{c.vehicle}: {c.name} {c.part}".strip() + (", %" if c.unit == "1" else f", {c.unit}")
         over.plot(when, size, **look.points, ms=3, lw=1, label=label)
-    over.set_title("findings that false alarms do not explain", fontsize=10)
+    over.set_title("findings that false alarms do not explain")
     if fleet.believed:
-        over.legend(fontsize=8)
+        over.legend()
     for row, vehicle in enumerate(shown):
         mine = [(date, len(found)) for v, date, found in fleet.rows if v == vehicle]
         when = [datetime.datetime.fromisoformat(d) for d, _ in mine]
         for found, colour, marker in ((False, "#b8c4d0", "o"), (True, "#c0392b", "X")):
             at = [day for day, (_, n) in zip(when, mine, strict=True) if bool(n) == found]
             under.scatter(at, [row] * len(at), c=colour, marker=marker, s=26 if found else 14)
-    under.set_yticks(range(len(shown)), shown, fontsize=7)
+    under.set_yticks(range(len(shown)), shown)
     under.invert_yaxis()
-    under.set_title("logs; cross: something found", fontsize=10)
+    under.set_title("logs; cross: something found")
+    for axes in (over, under):
+        plain_axis(axes)
     figure.autofmt_xdate()
     return drawn(figure)
 

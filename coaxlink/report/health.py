@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from typing import Any
 
 from coaxlink.health.judge import GROUND, WATCH, Health, SuspectRotor
 from coaxlink.health.priors import MATTERS
 from coaxlink.report.made import Made
-from coaxlink.report.pictures.figures import drawn, new_figure, stamped
+from coaxlink.report.pictures.figures import SIZE, drawn, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import label
 from coaxlink.report.pictures.looks import THRUST, TORQUE
 from coaxlink.report.terminal import table
@@ -144,10 +145,10 @@ def health_page(health: Health, made: Made) -> str:
 def figure(health: Health, stamp: str = "") -> Any:
     """Every rotor's thrust and torque over the flights, the band of what does not matter (matplotlib)."""
     rotors = health.flights[0].rotors
-    columns = min(4, len(rotors))
+    columns = min(2, len(rotors))
     rows = -(-len(rotors) // columns)
-    drawing = new_figure(2.6 * columns, 2.2 * rows + 0.8)
-    drawing.suptitle(label(verdict_line(health).split(";")[0]), fontsize=9)
+    drawing = new_figure(1.9 * rows + 1.2)
+    drawing.suptitle(label("\n".join(textwrap.wrap(verdict_line(health).split(";")[0], 70))), fontsize=SIZE)
     axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     numbers = list(range(1, len(health.flights) + 1))
     for i, rotor in enumerate(rotors):
@@ -159,15 +160,14 @@ def figure(health: Health, stamp: str = "") -> Any:
             at, middle = [p + shift for p in numbers], [v.value for v in found]
             axis.errorbar(at, middle, spread, ls="", ms=3, **look.points, label=load)
         pair = f" (with {rotor.pair})" if rotor.pair is not None else ""
-        axis.set_title(f"rotor {rotor.number}{pair}", fontsize=8)
+        axis.set_title(f"rotor {rotor.number}{pair}")
         axis.set_xticks(numbers)
         axis.set_xlim(0.5, len(numbers) + 0.5)
-        axis.tick_params(labelsize=7)
+        plain_axis(axis)
     for axis in list(axes.ravel())[len(rotors) :]:
         axis.set_visible(False)
     for axis in axes[(len(rotors) - 1) // columns]:
-        axis.set_xlabel("flight", fontsize=8)
-    handles, names = axes[0][0].get_legend_handles_labels()
-    drawing.legend(handles, names, loc="outside upper right", ncols=2, frameon=False, fontsize=7)
-    drawing.supylabel("share of the model's load", fontsize=8)
+        axis.set_xlabel("flight", fontsize=SIZE)
+    axes[0][0].legend(loc="lower left", ncols=2, frameon=False, fontsize=SIZE - 1)
+    drawing.supylabel("share of the model's load", fontsize=SIZE)
     return stamped(drawing, stamp)

@@ -24,12 +24,6 @@ class PagePicture(NamedTuple):
         """The picture as an address of its own: safe in a page, and longer than any text may be there."""
         return markupsafe.Markup(f"data:image/png;base64,{base64.b64encode(self.png).decode()}")
 
-    @property
-    def tall(self) -> bool:
-        """Made for a phone: about as high as wide, or higher (the two sizes stand in a PNG's head)."""
-        width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
-        return width < 1.2 * height
-
 
 class PageTable(NamedTuple):
     """A table of a page; the columns in `wide` may wrap."""

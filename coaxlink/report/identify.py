@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.load import Load
+from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.terminal import grouped, table
 from coaxlink.rotor.identification import COAXIAL, Identification
 from coaxlink.rotor.log_checks import for_the_table
@@ -31,6 +33,22 @@ def tables(result: Identification) -> Iterator[Any]:
     new = [n for n in range(1, len(errors)) if errors[n][0] != errors[n - 1][0]]
     shown = [("" if form == FLOOR else channel, *rest) for channel, *rest in errors for form in rest[:1]]
     yield table("errors on held-out blocks", ERROR_HEADS, shown, left=2, boxed=True, sections=new)
+
+
+def sentence(result: Identification) -> str:
+    """The answer in one sentence: which form, and how well it predicts rows that the fit did not use."""
+    name = next((c for c in ("coaxial_thrust", Load.UPPER_THRUST.channel) if c in result.channels), None)
+    name = name or next(iter(result.channels))
+    e = result.channels[name]
+    unit = unit_of(name)
+    floor = result.noise_floor.get(name)
+    noise = f" (noise alone: {floor:.2g} {unit})" if floor else ""
+    others = {f: c[name].rmse for f, c in result.comparison.items() if f != result.form and name in c}
+    usual = f"; the usual u² law misses {others['srm']:.3g} {unit}" if "srm" in others else ""
+    return (
+        f"The {NAMES[result.form]} predicts the {channel_words(name)} at speeds it was not fitted to within "
+        f"{e.rmse:.3g} {unit} rms{noise}{usual}."
+    )
 
 
 def unit_of(channel: str) -> str:

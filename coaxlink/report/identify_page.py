@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from coaxlink.load import Load
 from coaxlink.report.html import PagePicture, PageTable, render
-from coaxlink.report.identify import NAMES, remarks, unit_of
+from coaxlink.report.identify import NAMES, remarks, sentence, unit_of
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.figures import drawn
 from coaxlink.report.pictures.identify_plots import figures
@@ -14,7 +13,7 @@ from coaxlink.report.pictures.label import channel_words
 from coaxlink.rotor.identification import Identification
 
 CAPTIONS = {
-    "surfaces": "Data (dots) and model (line, mesh)",
+    "surfaces": "Each load over a rotor's speed, for some speeds of the other: data (points), model (lines)",
     "residuals": "What the model misses on rows that the fit did not use",
 }
 FEW = 6  # remarks that stand open
@@ -40,22 +39,6 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
         terms=terms,
         remarks=said[:FEW],
         more=said[FEW:],
-    )
-
-
-def sentence(result: Identification) -> str:
-    """The answer in one sentence: which form, and how well it predicts rows that the fit did not use."""
-    name = next((c for c in ("coaxial_thrust", Load.UPPER_THRUST.channel) if c in result.channels), None)
-    name = name or next(iter(result.channels))
-    e = result.channels[name]
-    unit = unit_of(name)
-    floor = result.noise_floor.get(name)
-    noise = f" (noise alone {floor:.2g} {unit})" if floor else ""
-    others = {f: c[name].rmse for f, c in result.comparison.items() if f != result.form and name in c}
-    usual = f"; the usual u² law misses {others['srm']:.3g} {unit}" if "srm" in others else ""
-    return (
-        f"The {NAMES[result.form]} predicts the {channel_words(name)} at speeds it was not fitted to within "
-        f"{e.rmse:.3g} {unit} rms{noise}{usual}."
     )
 
 

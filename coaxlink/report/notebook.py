@@ -9,7 +9,7 @@ import numpy as np
 
 from coaxlink.report.html import PagePicture
 from coaxlink.report.pictures.figures import drawn, new_figure, plain_axis
-from coaxlink.report.pictures.looks import LOOKS
+from coaxlink.report.pictures.looks import DARK
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor.identification import Identification
 
@@ -45,15 +45,15 @@ def _figure(thing: Any) -> Figure | None:
 
 def _loads(model: RotorModel) -> Figure:
     """Thrust and torque of both rotors over their own speed, the lower one's at `OTHERS` of the upper one."""
-    figure = new_figure(9.0, 3.6)
+    figure = new_figure(7.0)
     u = np.linspace(0.0, 1.0, 41)
-    for axes, column, unit in zip(figure.subplots(1, 2), (0, 1), ("thrust, N", "torque, N m"), strict=True):
+    for axes, column, unit in zip(figure.subplots(2, 1), (0, 1), ("thrust, N", "torque, N m"), strict=True):
         upper = model.predict(np.stack([u, np.zeros_like(u)], axis=1))
-        axes.plot(u, upper[:, column], **LOOKS[0].line, label="upper")
-        for other, look in zip(OTHERS, LOOKS[1:], strict=False):
+        axes.plot(u, upper[:, column], **DARK[0].line, label="upper")
+        for other, look in zip(OTHERS, DARK[1:], strict=False):
             lower = model.predict(np.stack([np.full_like(u, other), u], axis=1))
             axes.plot(u, lower[:, column + 2], **look.line, label=f"lower, upper at {other:g}")
         axes.set(xlabel="speed, of full", ylabel=unit)
+        axes.legend()
         plain_axis(axes)
-    axes.legend()
     return figure

@@ -9,7 +9,7 @@ from coaxlink.report.html import PagePicture, PageTable, render
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.refine import number, remarks, verdict
-from coaxlink.residual.result import FoundEffect, ParameterValue, Refinement
+from coaxlink.residual.result import Refinement
 
 LEAST_P = 1e-6  # nobody needs to know how much less
 ERROR_HEADS = (
@@ -47,33 +47,9 @@ def refinement_parts(result: Refinement, made: Made) -> dict[str, Any]:
 def sentence(result: Refinement) -> str:
     """The answer in one sentence: what was found, where it shows most, and what is left of that."""
     said = verdict(result)
-    if not result.effects:
-        return f"{said[:1].upper()}{said[1:]}."
-    named = "; ".join(_named(e) for e in result.effects)
-    errors = {n: c for n, c in result.channels.items() if c.rmse_after > 0.0}
-    if not errors:
-        return f"Found: {named}."
-    name = max(errors, key=lambda n: errors[n].rmse_before / errors[n].rmse_after)
-    c = errors[name]
-    return (
-        f"Found: {named}; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
-        f"{number(c.rmse_after)} {c.unit} (noise alone: {number(c.noise_floor)})."
-    )
-
-
-def _named(effect: FoundEffect) -> str:
-    """An effect in words with its rotor and its first numbers; a switch has no interval, and is no number."""
-    determined = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
-    shown = ", ".join(
-        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in determined[:2]
-    )
-    return effect.name.replace("_", " ") + (f" ({shown})" if shown else "")
-
-
-def _words(parameter: ParameterValue) -> str:
-    """A parameter's name without its unit, which stands behind the number."""
-    unit = parameter.unit.replace(" ", "_").replace("/", "_")
-    return parameter.name.removesuffix(f"_{unit}").replace("_", " ")
+    if result.effects:
+        said = said.replace("_", " ")
+    return f"{said[:1].upper()}{said[1:]}."
 
 
 def count(value: float) -> str:

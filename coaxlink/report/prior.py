@@ -48,7 +48,7 @@ def what_it_says(prior: PairPrior) -> Iterator[str]:
 
 def picture(prior: PairPrior) -> bytes:
     """PNG: what the lower rotor gives over the ratio of the speeds, as shares of a rotor alone."""
-    figure = new_figure(6.4, 4.2)
+    figure = new_figure(4.2)
     axis = figure.add_subplot()
     lower = np.full(len(RATIOS), WORKING)
     upper = RATIOS * WORKING

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.terminal import table
-from coaxlink.residual.result import Ambiguous, Refinement
+from coaxlink.residual.result import Ambiguous, FoundEffect, ParameterValue, Refinement
 
 DIGITS = 3
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
@@ -25,8 +26,7 @@ def verdict(result: Refinement) -> str:
     if result.reasons:
         return result.reasons[0].line()
     if result.effects:
-        names = " and ".join(e.name for e in result.effects)
-        return f"found: {names}{_most(result)}"
+        return f"found: {' and '.join(map(named, result.effects))}{_most(result)}"
     if result.suspect_data:
         return "no effect can be claimed: the data contradict themselves"
     if result.ambiguous:
@@ -54,21 +54,37 @@ def _most(result: Refinement) -> str:
         for name, c in result.channels.items()
         if c.rmse_before > 0.0 and any(name in e.channels for e in result.effects)
     }
-    sure = min(
-        (e.evidence["probability"] for e in result.effects if "probability" in e.evidence), default=None
-    )
-    said = "" if sure is None else f"; probability {sure:.2f}"
+    sure = [e.evidence["probability"] for e in result.effects if "probability" in e.evidence]
+    said = f"; probability {min(sure):.2f}" if sure else ""
     if not drops:
         return said
     name = min(drops, key=lambda n: drops[n])
     c = result.channels[name]
-    return f": {name} errs by {number(c.rmse_after)} {c.unit} instead of {number(c.rmse_before)}{said}"
+    return (
+        f"; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
+        f"{number(c.rmse_after)} {c.unit} (noise alone: {number(c.noise_floor)}){said}"
+    )
+
+
+def named(effect: FoundEffect) -> str:
+    """An effect with its rotor and its first numbers; a switch has no interval, and is no number."""
+    determined = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
+    shown = [
+        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in determined[:2]
+    ]
+    return effect.name + (f" ({', '.join(shown)})" if shown else "")
+
+
+def _words(parameter: ParameterValue) -> str:
+    """A parameter's name without its unit, which stands behind the number."""
+    unit = parameter.unit.replace(" ", "_").replace("/", "_")
+    return parameter.name.removesuffix(f"_{unit}").replace("_", " ")
 
 
 def least_shown(result: Refinement) -> str:
     """What of each effect would have been named, had it been there."""
-    told = ", ".join(f"{w.name} of {100 * w.share:.2g} % of {w.channel}" for w in result.would_show)
-    return f"this log would have shown: {told}" if told else ""
+    shown = ", ".join(f"{w.name} of {100 * w.share:.2g} % of {w.channel}" for w in result.would_show)
+    return f"this log would have shown: {shown}" if shown else ""
 
 
 def surface(result: Refinement) -> str:

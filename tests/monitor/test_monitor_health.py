@@ -61,7 +61,7 @@ def test_the_rotor_is_marked_and_said(flight, boot_s):
     marks = {r.number: r.health for arm in view.arms for r in (arm.upper, arm.lower)}
     assert marks == {n: "x" if n == ROTOR else "" for n in range(1, 9)}
     assert f"rotor {ROTOR} (x) lost" in words.notes(view).plain
-    assert "rotors: called" in words.summary(view).plain and f"{ROTOR}x" in words.summary(view).plain
+    assert "rotors: flagged" in words.summary(view).plain and f"{ROTOR}x" in words.summary(view).plain
     assert view.to_json()["health"]["calls"][0]["rotor"] == ROTOR
     assert len(call.text.encode()) <= 50
 
@@ -86,11 +86,11 @@ def page_of(view):
 def test_the_page_of_health_has_a_line_a_rotor(flight):
     table, border, _ = page_of(played(*flight))
     lines = table.splitlines()
-    assert len(lines) == 9 and "rotors: called" in border
+    assert len(lines) == 9 and "rotors: flagged" in border
     own = next(line for line in lines if f"{ROTOR}x" in line)
-    assert "probability" in own and "+/-" in own and not own.split("%")[0].endswith("sound")
+    assert "chance" in lines[0] and "+/-" in own and not own.split("%")[0].endswith("sound")
     assert sum("sound" in line for line in lines) == 7
-    assert all(len(line.rstrip()) <= 76 for line in lines)
+    assert all(len(line.rstrip()) <= 60 for line in lines)
 
 
 def test_on_the_ground_the_page_of_health_says_that_nothing_is_judged(flight):

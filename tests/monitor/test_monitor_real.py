@@ -13,16 +13,14 @@ import struct
 import subprocess
 import sys
 import threading
-import time
-import urllib.parse
-import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
+from browser import CHROMIUM, WAIT_S, Browser, wait
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.files import example
@@ -31,23 +29,6 @@ from coaxlink.studies.simulator import free_port
 from sim.testing import standin
 
 pytestmark = pytest.mark.slow
-WAIT_S = 120.0  # for a machine with other things to do
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-BROWSER = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--window-size=1280,800",
-]  # fmt: skip
-
-
-def wait(what: Callable[[], bool]) -> bool:
-    """Until it is so, or too long."""
-    end = time.monotonic() + WAIT_S
-    while not what():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.1)
-    return True
 
 
 @pytest.fixture(scope="module")
@@ -113,11 +94,19 @@ def colours_of(picture: bytes) -> set[Any]:
     return {colour for count, colour in image.getcolors(1 << 24) or () if count > 20}
 
 
+def shows_rotors(browser: Browser, page: str) -> bool:
+    """Whether the bars of upper and lower rotors are on a page before long."""
+    bars = {tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in (UPPER, LOWER)}
+    return wait(
+        lambda: bars <= colours_of(base64.b64decode(browser.ask(page, "Page.captureScreenshot")["data"]))
+    )
+
+
 @contextmanager
-def serving(*command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def serving(*command: str, at: int | None = None) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The server of a monitor's command, and the address that it prints."""
     pytest.importorskip("textual_serve")
-    port = ("--web", "--port", str(free_port()))
+    port = ("--web", "--port", str(at or free_port()))
     served = subprocess.Popen([*command, *port], stdout=subprocess.PIPE, text=True)
     assert served.stdout is not None
     with served.stdout as said:
@@ -132,80 +121,6 @@ def screens_of(served: subprocess.Popen[str]) -> list[int]:
     """The processes of its sessions."""
     found = subprocess.run(["pgrep", "-P", str(served.pid)], capture_output=True, text=True)
     return [int(number) for number in found.stdout.split()]
-
-
-class Browser:
-    """Headless Chromium, spoken to by its DevTools protocol."""
-
-    def __init__(self, folder: Path, *switches: str) -> None:
-        self._port = free_port()
-        own = [
-            f"--remote-debugging-port={self._port}",
-            "--remote-allow-origins=*",
-            f"--user-data-dir={folder}",
-        ]
-        self.process = subprocess.Popen(
-            [str(CHROMIUM), *BROWSER, *own, *switches, "about:blank"],
-            stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-
-    def __enter__(self) -> Browser:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.kill()
-
-    def kill(self) -> None:
-        """With all its processes, as when the machine has no memory left."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait(WAIT_S)
-
-    def open(self, address: str) -> str:
-        """A page more; the address of its DevTools."""
-
-        def opened() -> bool:
-            nonlocal page
-            what = f"http://127.0.0.1:{self._port}/json/new?{urllib.parse.quote(address, safe='')}"
-            with suppress(OSError):
-                answer = urllib.request.urlopen(urllib.request.Request(what, method="PUT"), timeout=20)
-                page = json.loads(answer.read())["webSocketDebuggerUrl"]
-            return bool(page)
-
-        page = ""
-        assert wait(opened)
-        return page
-
-    def ask(self, page: str, method: str, **params: Any) -> Any:
-        """One word of the protocol."""
-
-        async def asked() -> Any:
-            from aiohttp import ClientSession
-
-            async with ClientSession() as http, http.ws_connect(page, max_msg_size=0) as line:
-                await line.send_json({"id": 1, "method": method, "params": params})
-                return (await line.receive_json())["result"]
-
-        return asyncio.run(asked())
-
-    def says(self, page: str, part: str, what: str = "document.body.innerText") -> bool:
-        """Whether a page says so before long."""
-
-        def said() -> bool:
-            found = self.ask(page, "Runtime.evaluate", expression=what)["result"].get("value")
-            return part in str(found)
-
-        return wait(said)
-
-    def shows_rotors(self, page: str) -> bool:
-        """Whether the bars of upper and lower rotors are on a page before long."""
-        bars = {tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in (UPPER, LOWER)}
-
-        def drawn() -> bool:
-            picture = base64.b64decode(self.ask(page, "Page.captureScreenshot")["data"])
-            return bars <= colours_of(picture)
-
-        return wait(drawn)
 
 
 @contextmanager
@@ -233,11 +148,26 @@ def foreign_page(script: str) -> Iterator[str]:
 @pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
 def test_in_a_browser(address: str, tmp_path: Path) -> None:
     with serving(*monitor(address)) as (served, url), Browser(tmp_path / "profile") as browser:
-        assert browser.shows_rotors(browser.open(url))
+        assert shows_rotors(browser, browser.open(url))
         browser.kill()
         assert wait(lambda: not screens_of(served))
         served.send_signal(signal.SIGINT)
         assert served.wait(WAIT_S) == 0
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
+def test_a_page_whose_line_broke_begins_again_or_says_why_not(tmp_path: Path) -> None:
+    port, line = free_port(), f"udpin:127.0.0.1:{free_port()}"
+    with Browser(tmp_path / "profile") as browser:
+        with serving(*monitor(line), at=port) as (_, url):
+            page = browser.open(url)
+            assert browser.says(page, "-first-byte", "document.body.className")
+            browser.value(page, "document.title = 'before'; line.close(4000)")
+            assert browser.says(page, "-first-byte coax", "`${document.body.className} ${document.title}`")
+        assert browser.says(page, "does not answer")
+        assert browser.value(page, "getComputedStyle(terminal).opacity < 0.5")  # old numbers look it
+        with serving(*monitor(line), at=port):
+            assert browser.says(page, "started anew. Open the address that the terminal shows")
 
 
 @pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
@@ -260,9 +190,9 @@ def test_a_browser_does_not_bring_others_in(tmp_path: Path) -> None:
         with foreign_page(script) as foreign:
             page = browser.open(foreign)
             assert browser.says(page, "kept out", "document.title")
-            assert browser.says(page, "here") and "read it" not in browser.ask(
-                page, "Runtime.evaluate", expression="document.body.innerText"
-            )["result"]["value"].replace(script, "")
+            assert browser.says(page, "here") and "read it" not in str(
+                browser.value(page, "document.body.innerText")
+            ).replace(script, "")
         assert not screens_of(served)
         first = browser.open(url)
         assert browser.says(first, "-first-byte", "document.body.className")

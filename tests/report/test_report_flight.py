@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, Browser
 
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
@@ -82,3 +83,29 @@ def test_the_page_is_one_file_with_two_logs_beside_one_another(hover, tmp_path, 
     assert "lower rotors carried" in capsys.readouterr().out
     assert run(build_app(), ["report", log, log, log]) == 2
     assert run(build_app(), ["report", str(tmp_path / "none.ulg")]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
+def test_a_drag_over_a_chart_zooms_all_of_them_and_two_clicks_zoom_out(hover, tmp_path):
+    page = tmp_path / "hover.html"
+    assert run(build_app(), ["report", str(hover[0]), "--out", str(page)]) == 0
+    with Browser(tmp_path / "profile") as browser:
+        tab = browser.open(page.as_uri())
+        assert browser.says(tab, "time", "Object.keys(full)[0]")
+        box = "charts[0].svg.getBoundingClientRect()"
+        left, top, wide = browser.value(tab, f"[{box}.left, {box}.top, {box}.width]")
+        first, last = whole = browser.value(tab, "range[charts[0].over]")
+        x, y = [left + 52 + share * (wide - 60) for share in (0.25, 0.4, 0.5)], top + 100
+        browser.mouse(tab, "mousePressed", x[0], y)
+        for at in x[1:]:
+            browser.mouse(tab, "mouseMoved", at, y)
+        browser.mouse(tab, "mouseReleased", x[2], y)
+        length = last - first
+        for chart in (0, 1):
+            zoomed = browser.value(tab, f"range[charts[{chart}].over]")
+            assert zoomed == pytest.approx([first + 0.25 * length, first + 0.5 * length], abs=0.01 * length)
+        for clicks in (1, 2):
+            browser.mouse(tab, "mousePressed", x[0], y, clicks)
+            browser.mouse(tab, "mouseReleased", x[0], y, clicks)
+        assert browser.value(tab, "range[charts[0].over]") == whole

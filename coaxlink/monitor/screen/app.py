@@ -56,7 +56,7 @@ class Monitor(App[None]):
 
     TITLE = "coaxlink monitor"
     AUTO_FOCUS = ""  # else keys would go to a page that is not shown
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
+    HORIZONTAL_BREAKPOINTS = [(0, "-phone"), (76, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
     VERTICAL_BREAKPOINTS = [(0, "-short"), (30, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
         ("1", "page('split')", "Split"),

@@ -35,7 +35,7 @@ class Picture:
     def plot_range(self) -> str:
         """What a plot's time axis means, and whether it stands still."""
         window = self.window
-        span = f"{seconds(window.span_s)} of the vehicle's clock"
+        span = seconds(window.span_s)
         if window.back_s > 0:
             return f"{span}, up to {clock(self.history.range_s(window)[1])}"
         if words.speeds_old(self.view):

@@ -30,7 +30,7 @@ from coaxlink.monitor.state.rotors import ArmView, RotorView
 
 _BATTERY = {"ok": GOOD, "charging": GOOD, "low": WARN, "unhealthy": WARN}  # all else is bad
 _SHORT = 12.0  # cells of a bar from which "at max" fits, else "MAX"
-_LABEL, _ARM, _WORD = 5, 14, 30  # cells of "▲3x", the arm's name, the verdict
+_LABEL, _ARM, _WORD, _CHANCE = 5, 13, 16, 8  # cells of "▲3x", the arm's name, the verdict, its probability
 
 
 def rotor_line(rotor: RotorView, width: int, stale: bool) -> Text:
@@ -333,6 +333,8 @@ def health_words(view: Moment) -> Text:
         return Text(f"rotors: {h.why}", WARN)
     if h.word == "sound":
         return Text("rotors: sound (no loss set in while watched)")
+    if h.calls:
+        return Text("rotors: flagged")
     return Text(f"rotors: {h.word}" if h.word else f"rotors: not judged ({h.why})", "" if h.word else DIM)
 
 
@@ -355,8 +357,8 @@ def health_notes(view: Moment) -> list[Text]:
 
 def rotor_table(view: Moment, *, stale: bool) -> Text:
     """A line a rotor: arm, verdict, speed and where they are sent current and temperature."""
-    head = f"{'':<{_LABEL}}{'arm':<{_ARM}}{'lost of its thrust':<{_WORD}}{'rpm':>7}{'A':>7}{'°C':>6}"
-    lines = [Text(head, DIM)]
+    heads = f"{'':<{_LABEL}}{'arm':<{_ARM}}{'thrust lost':<{_WORD}}{'chance':<{_CHANCE}}"
+    lines = [Text(f"{heads}{'rpm':>6}{'A':>6}{'°C':>5}", DIM)]
     for arm in view.arms:
         lines += [_rotor(arm, r, view, stale) for r in (arm.upper, arm.lower) if r is not None]
     return Text("\n").join(lines)
@@ -366,30 +368,30 @@ def _rotor(arm: ArmView, rotor: RotorView, view: Moment, stale: bool) -> Text:
     lower = rotor.level == "lower"
     old = stale or view.link.state == "lost"
     label = f"{'▼' if lower else '▲'}{rotor.number}{rotor.health}"
-    word, style = _verdict(view.health, rotor)
+    word, chance, style = _verdict(view.health, rotor)
     word += STALE if view.link.state == "lost" and view.health.word else ""
     values = (
-        f"{number(rotor.rpm, 0, stale=old):>7}"
-        f"{number(rotor.current_A, 1, stale=view.escs_stale or old):>7}"
-        f"{number(rotor.temperature_C, 0, stale=view.escs_stale or old):>6}"
+        f"{number(rotor.rpm, 0, stale=old):>6}"
+        f"{number(rotor.current_A, 1, stale=view.escs_stale or old):>6}"
+        f"{number(rotor.temperature_C, 0, stale=view.escs_stale or old):>5}"
     )
     return Text.assemble(
         (f"{label:<{_LABEL}}", f"bold {LOWER if lower else UPPER}"),
         f"{arm.name[: _ARM - 1]:<{_ARM}}",
-        (f"{word:<{_WORD}}", style),
+        (f"{word:<{_WORD}}{chance:<{_CHANCE}}", style),
         (values, DIM if old else ""),
     )
 
 
-def _verdict(health: RotorsInAir, rotor: RotorView) -> tuple[str, str]:
-    """What is believed of one rotor, in words, and in what style."""
+def _verdict(health: RotorsInAir, rotor: RotorView) -> tuple[str, str, str]:
+    """What is believed of one rotor, how probable it is, and in what style."""
     call: Call | None = next((c for c in health.calls if c.rotor == rotor.number), None)
     if call is not None:
         size = f"{100 * call.loss:.1f} +/- {196 * call.loss_sd:.1f} %"
-        return f"{size}, probability {call.probability:.2f}", f"bold {BAD}"
+        return size, f"{call.probability:.2f}", f"bold {BAD}"
     if not health.word or health.reasons:
-        return "not judged", DIM
+        return "not judged", "", DIM
     if rotor.health:
         s = health.suspicions[0]
-        return f"{100 * s.loss:.0f} %? probability {s.probability:.2f}", WARN
-    return "sound", GOOD
+        return f"{100 * s.loss:.0f} %?", f"{s.probability:.2f}", WARN
+    return "sound", "", GOOD

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
 from coaxlink.airframe import Airframe
-from coaxlink.report.pictures.figures import new_figure, write_figure
+from coaxlink.report.pictures.figures import SIZE, new_figure, plain_axis, write_figure
 from coaxlink.report.pictures.label import label
 from coaxlink.setup import Layout
 
@@ -19,8 +20,9 @@ def draw_airframe(path: Path, airframe: Airframe, layout: Layout | None = None) 
     from matplotlib.patches import Circle, FancyArrowPatch
 
     reach = max(math.hypot(*r.position_m[:2]) for r in airframe.rotors)
-    radius = 0.3 * reach
-    figure = new_figure(8, 8)
+    places = {r.position_m[:2] for r in airframe.rotors}
+    radius = 0.3 * min((math.dist(*two) for two in itertools.combinations(places, 2)), default=reach)
+    figure = new_figure(6.4)
     axes = figure.subplots()
     for n, rotor in enumerate(airframe.rotors):
         forward, right, _ = rotor.position_m
@@ -43,10 +45,10 @@ def draw_airframe(path: Path, airframe: Airframe, layout: Layout | None = None) 
             )
         )
         output = layout.mounts[n].output if layout else ""
-        words = ", ".join(filter(None, (f"{rotor.number} {rotor.level}", TURNS[turn], output)))
+        words = "\n".join(map(label, filter(None, (f"{rotor.number} {rotor.level} {TURNS[turn]}", output))))
         at = (right, forward + (-0.28 if lower else 0.28) * radius)
-        axes.annotate(label(words), at, ha="center", va="center", color=colour)
-    axes.annotate("nose", (0, 1.42 * reach), ha="center", color="#777777")
+        axes.annotate(words, at, fontsize=SIZE - 1, ha="center", va="center", color=colour)
+    axes.annotate("nose", (0, 1.42 * reach), ha="center", fontsize=SIZE - 1, color="#777777")
     axes.annotate(
         "", (0, 1.38 * reach), (0, 1.1 * reach), arrowprops={"arrowstyle": "-|>", "color": "#777777"}
     )
@@ -54,4 +56,5 @@ def draw_airframe(path: Path, airframe: Airframe, layout: Layout | None = None) 
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     axes.set(xlabel="right, m", ylabel="forward, m")
     axes.set_title(label(f"{airframe.name}, {airframe.mass_kg:g} kg, seen from above"))
+    plain_axis(axes)
     write_figure(path, figure)

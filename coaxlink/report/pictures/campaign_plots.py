@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.report.pictures.figures import drawn, new_figure
+from coaxlink.report.pictures.figures import drawn, new_figure, plain_axis
 from coaxlink.report.pictures.looks import LOOKS
 from coaxlink.studies.campaign.summary import FIGURES, Summary
 
@@ -39,22 +39,22 @@ def words(figure: str) -> str:
 
 def spreads(summary: Summary, columns: Mapping[str, Any]) -> bytes:
     """Boxes a law of the main figures: median, quartiles, 5 and 95 %."""
-    figure = new_figure(11, 5.5)
+    figure = new_figure(11.0)
     law = np.asarray(columns["law"])
     good = (np.asarray(columns["failsafe"]) == "") & (np.asarray(columns["problem"]) == "")
-    for axes, name in zip(figure.subplots(2, 4).flat, SHOWN, strict=True):
+    for axes, name in zip(figure.subplots(4, 2).flat, SHOWN, strict=True):
         values = np.asarray(columns[name], float)
         rows = [values[(law == n) & good] for n in summary.laws]
         axes.boxplot([r if len(r) else [np.nan] for r in rows], whis=(5, 95), showfliers=False)
-        axes.set_xticks(range(1, 1 + len(rows)), summary.laws, rotation=30, fontsize=8)
-        axes.set_title(words(name), fontsize=9)
-        axes.tick_params(labelsize=8)
+        axes.set_xticks(range(1, 1 + len(rows)), summary.laws, rotation=30)
+        axes.set_title(words(name))
+        plain_axis(axes)
     return drawn(figure)
 
 
 def differences(summary: Summary) -> bytes:
     """Mean difference to the first law, in per cent of its mean, with intervals."""
-    figure = new_figure(9, 5)
+    figure = new_figure(7.0)
     axes = figure.subplots()
     names = list(FIGURES)
     for k, ((law, found), look) in enumerate(zip(summary.paired.items(), LOOKS, strict=False)):
@@ -65,8 +65,9 @@ def differences(summary: Summary) -> bytes:
         spread = np.abs(ends.T - middle)
         axes.errorbar(100 * middle, height, xerr=100 * spread, ls="", ms=4, label=law, **look.points)
     axes.axvline(0.0, color="0.6", lw=1)
-    axes.set_yticks(range(len(names)), [WORDS[n] for n in names], fontsize=8)
+    axes.set_yticks(range(len(names)), [WORDS[n] for n in names])
     axes.invert_yaxis()
     axes.set_xlabel(f"per cent of {summary.laws[0]}'s mean, 95 %; left is better")
-    axes.legend(fontsize=8)
+    axes.legend()
+    plain_axis(axes)
     return drawn(figure)

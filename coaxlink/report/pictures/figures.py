@@ -17,21 +17,29 @@ if TYPE_CHECKING:
 
 FORMATS = ("png", "svg", "pdf")
 DPI = 130
+WIDTH, SIZE = 6.4, 12  # inches and points: letters are 11 px high where a page shows the picture 400 px wide
 GREY, STAMP = "#8a8f98", "#6b7280"
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of so many inches: no pyplot, so no global state and no display."""
+def new_figure(height: float) -> Figure:
+    """An empty figure so many inches high: no pyplot, so no global state and no display."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    return Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained")
 
 
 def plain_axis(axis: Axes) -> None:
-    """Two spines, a faint grid, small numbers."""
+    """Two spines, a faint grid, letters that a phone shows; to be called when title and labels are there."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color=GREY, alpha=0.25, lw=0.5)
-    axis.tick_params(labelsize=8)
+    axis.tick_params(labelsize=SIZE - 1)
+    for place in ("left", "center"):
+        axis.set_title(axis.get_title(place), loc=place, fontsize=SIZE)
+    for words in (axis.xaxis.label, axis.yaxis.label):
+        words.set_fontsize(SIZE)
+    if legend := axis.get_legend():
+        for text in (*legend.get_texts(), legend.get_title()):
+            text.set_fontsize(SIZE - 1)
 
 
 def stamped(figure: Any, stamp: str) -> Any:

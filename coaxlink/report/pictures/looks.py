@@ -46,5 +46,6 @@ LOOKS = (
     Look("#222222", (0, (8, 2)), "<", "oo"),
     Look("#bb8866", (0, (5, 1, 1, 1, 1, 1)), ">", "++"),
 )
+DARK = (LOOKS[0], LOOKS[2], LOOKS[4], LOOKS[5])  # lines that stand out on white
 BEFORE, AFTER = Look("#e08a50", "-", "s"), Look("#174d73", "-", "o")  # 35 of 100 apart in lightness
 THRUST, TORQUE = Look("#174d73", "-", "o"), Look("#e08a50", "--", "s")

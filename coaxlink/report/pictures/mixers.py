@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coaxlink.mixer.worth import Worth, front
-from coaxlink.report.pictures.figures import new_figure, plain_axis, stamped
+from coaxlink.report.pictures.figures import SIZE, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.looks import LOOKS, Look
 from coaxlink.tables.worth import Worths
 
@@ -22,7 +22,7 @@ ROOM = 0.09  # of the axis, between two labels
 
 def draw_comparison(name: str, worths: Worths, shown: Sequence[Worth], stamp: str = "") -> Figure:
     """Two panels, legible at 400 px: every table and law above, the sink of those in `shown` below."""
-    figure = new_figure(6.4, 8.0)
+    figure = new_figure(8.0)
     above, below = figure.subplots(2, 1)
     looks = {row.name: look for row, look in zip(worths.rows, LOOKS, strict=False)}
     _draw_front(above, name, worths, looks)
@@ -31,13 +31,12 @@ def draw_comparison(name: str, worths: Worths, shown: Sequence[Worth], stamp: st
             below.plot(row.sink_kg, row.sink_m_s2, **looks[row.name].line, label=row.name, lw=2.2)
     below.axvline(worths.rows[0].mass_kg, color=INK, lw=1, ls=":")
     roll, _, yaw = worths.rows[0].hard_Nm
-    below.set_title(f"sink in a hard turn ({roll:.0f} N m of roll, {yaw:.1f} N m of yaw)", fontsize=12)
-    below.set_xlabel("load: the vehicle's whole mass, kg (dotted: as it is)", fontsize=12)
-    below.set_ylabel("downward, m/s\N{SUPERSCRIPT TWO}", fontsize=12)
-    below.legend(fontsize=12)
+    below.set_title(f"sink in a hard turn ({roll:.0f} N m of roll, {yaw:.1f} N m of yaw)")
+    below.set_xlabel("load: the vehicle's whole mass, kg (dotted: as it is)")
+    below.set_ylabel("downward, m/s\N{SUPERSCRIPT TWO}")
+    below.legend()
     for axes in (above, below):
         plain_axis(axes)
-        axes.tick_params(labelsize=11)
     return stamped(figure, stamp)
 
 
@@ -65,8 +64,8 @@ def _draw_front(axes: Axes, name: str, worths: Worths, looks: dict[str, Look]) -
         away = (-16, 0) if far else (16, 0)
         axes.annotate(
             text, (ceiling, y), away, textcoords="offset points", ha="right" if far else "left", va="center",
-            fontsize=12, fontweight="bold" if row.name == worths.used else "normal",
+            fontsize=SIZE, fontweight="bold" if row.name == worths.used else "normal",
         )  # fmt: skip
-    axes.set_title(f"{name}: filled: none better in all three; ring: in use", fontsize=12)
-    axes.set_xlabel("ceiling, N", fontsize=12)
-    axes.set_ylabel("yaw authority in hover, N m", fontsize=12)
+    axes.set_title(f"{name}: filled: none better in all three; ring: in use")
+    axes.set_xlabel("ceiling, N")
+    axes.set_ylabel("yaw authority in hover, N m")

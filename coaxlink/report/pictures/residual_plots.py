@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coaxlink.report.pictures.figures import GREY, new_figure, plain_axis, stamped
+from coaxlink.report.pictures.figures import GREY, SIZE, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import cause_words, channel_words
 from coaxlink.report.pictures.label import label as words
 from coaxlink.report.pictures.looks import AFTER, BEFORE
@@ -15,7 +15,6 @@ from coaxlink.residual.result import Refinement, Series
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SIZE = 12  # points: 11 px where 6.4 inches are 400 px
 LOG_GAP_S = 2.0  # drawn between logs and pieces of a log, which stand one after another
 
 
@@ -23,21 +22,18 @@ def overview_figure(result: Refinement, stamp: str = "") -> Any:
     """Each touched channel's residual over time, and below over its effect's cause; `stamp` under all."""
     series = _series(result)
     shown = _rows(result)
-    figure = new_figure(6.4, 1.0 + 4.4 * len(shown))
+    figure = new_figure(1.0 + 4.4 * len(shown))
     axes = figure.subplots(2 * len(shown), 1, squeeze=False)[:, 0]
     for i, (channel, effect) in enumerate(shown):
-        _over_time(axes[2 * i], result, series, channel)
+        _over_time(axes[2 * i], result, series, channel, i == 0)
         _over_cause(axes[2 * i + 1], result, series, channel, effect)
-    axes[0].legend(loc="best", fontsize=SIZE - 1)
     figure.suptitle(words(_title(result)), x=0.01, ha="left", fontsize=SIZE + 1)
-    for one in axes:
-        one.tick_params(labelsize=SIZE - 1)
     return stamped(figure, stamp)
 
 
 def errors_figure(result: Refinement, stamp: str = "") -> Any:
     """The error of every channel before and after in units of its noise floor; `stamp` below it."""
-    figure = new_figure(7.0, 0.9 + 0.42 * len(result.channels))
+    figure = new_figure(1.6 + 0.45 * len(result.channels))
     axis = figure.subplots()
     names = list(result.channels)
     for i, name in enumerate(names):
@@ -55,16 +51,13 @@ def errors_figure(result: Refinement, stamp: str = "") -> Any:
     axis.axvline(1.0, color=GREY, lw=1, ls="--")
     axis.set_xscale("log")
     axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
-    axis.set_xlabel(
-        "RMS error on rows the fit did not use, in noise floors (1: all explained)", fontsize=SIZE - 1
-    )
+    axis.set_xlabel("RMS error on rows the fit did not use,\nin noise floors (1: all explained)")
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(
         "{x:g}" if max(axis.get_xlim()) < 10 * max(min(axis.get_xlim()), 1e-9) else ""
     )
-    axis.legend(frameon=False, fontsize=SIZE - 1)
+    axis.legend(frameon=False)
     plain_axis(axis)
-    axis.tick_params(labelsize=SIZE - 1)
     return stamped(figure, stamp)
 
 
@@ -87,7 +80,7 @@ def _rows(result: Refinement) -> list[tuple[str, str | None]]:
     return [(name, None) for name in sorted(ratio, key=lambda n: -ratio[n])[:3]]
 
 
-def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> None:
+def _over_time(axis: Axes, result: Refinement, series: Series, channel: str, first: bool) -> None:
     c = series.channels.index(channel)
     floor = series.noise[channel]
     steps = np.diff(series.time_s)
@@ -104,8 +97,10 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> 
             lw=1.1,
             label=label,
         )
-    axis.set_title(_axis_words(result, channel, ", "), fontsize=SIZE, loc="left")
-    axis.set_xlabel("time in the log, pauses shortened, s", fontsize=SIZE)
+    if first:
+        axis.legend()
+    axis.set_title(_axis_words(result, channel, ", "), loc="left")
+    axis.set_xlabel("time in the log, pauses shortened, s")
     plain_axis(axis)
 
 
@@ -130,9 +125,9 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
         axis.plot(*zip(*middles, strict=True), ls="-", ms=3, lw=1.4, **look.points)
     axis.axhline(0.0, color=GREY, lw=0.8)
-    axis.set_xlabel(words(cause_words(label)), fontsize=SIZE)
+    axis.set_xlabel(words(cause_words(label)))
     title = f"{channel_words(channel)} over the cause: {effect.replace('_', ' ')}"
-    axis.set_title(words(title), fontsize=SIZE, loc="left")
+    axis.set_title(words(title), loc="left")
     plain_axis(axis)
 
 

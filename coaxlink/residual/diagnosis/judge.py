@@ -30,7 +30,7 @@ NAMED_NATS = 30.0  # that a name has where it is claimed, at the least: what the
 STARTS = 4  # sets that the next round begins with
 ALL_ROWS = 20_000  # of the last fit
 SPEEDS = ("upper_rpm", "lower_rpm")
-IN_DOUBT = "a tachometer is accused: every load is predicted from speeds, so no effect is claimed"
+IN_DOUBT = "a tachometer is flagged: every load is predicted from speeds, so no effect is claimed"
 
 
 @dataclass(frozen=True)
