@@ -26,7 +26,7 @@ from sim.testing import standins
 
 PICTURES = Path(__file__).parents[1] / "pictures"
 FLOWN_S = 16.0  # of the flight, until the screen is kept
-SIZE = (32, 120)  # lines, columns
+SIZE = (32, 64)  # lines, columns: letters that can be read where the picture is 400 px wide
 SEED = "1"  # of the demo's hidden effect
 
 
@@ -73,7 +73,7 @@ def demo(work: Path) -> None:
 
 
 def screen(work: Path) -> None:
-    """The monitor in a terminal of 120 x 32 while a stand-in flies: its own key saves the screen."""
+    """The monitor in a narrow terminal while a stand-in flies: its own key saves the screen."""
     airframe, listen = str(example("x8_demo.toml")), ("--listen", "udpin:127.0.0.1:0")
     world = ("--firmware", "px4", "--airframe", airframe, *listen)
     coaxlink(work, "table", airframe, "--firmware", "px4", "--out", "tables")

@@ -166,9 +166,7 @@ def test_the_page_is_one_file_answers_first_and_speaks_in_words(spec):
     assert json.loads(json.dumps(s.to_json(), allow_nan=False))["laws"]["fitted"]["flown"] == DRAWS
     first = re.search(r'<p class="lead">(.*?)</p>', page)[1]
     energy = s.paired["fitted"]["energy_Wh"]
-    assert (
-        energy.ci[1] < 0.0 and f"energy {100 * energy.share:+.2g} %" in first and " worse. Worse: " in first
-    )
+    assert energy.ci[1] < 0.0 and f"energy {100 * energy.share:+.2g} %" in first and "Worse: " in first
     text = re.sub(r'"data:[^"]*"|<style>.*?</style>', "", page, flags=re.DOTALL)
     assert not [name for name in FIGURES if name in text and name != "saturated"]
     assert "energy, Wh" in text and "How this page was made" in text
