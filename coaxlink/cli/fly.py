@@ -269,9 +269,9 @@ def _refine(path: Path, airframe: Path, rotor: Path | None, out: Path) -> None:
     from coaxlink.cli.refine import refine
     from coaxlink.errors import CheckFailed
 
-    model, told = out / "rotor_refined.toml", out / "refine.json"
+    model, answer = out / "rotor_refined.toml", out / "refine.json"
     try:
-        refine([path], airframe=airframe, rotor=rotor, out=model, json=told)
+        refine([path], airframe=airframe, rotor=rotor, out=model, json=answer)
     except CheckFailed as unjudged:  # the flight was flown and its log is here: that much was asked for
         say(str(unjudged))
 

@@ -1,6 +1,6 @@
 """How a table stands in a file: delimiter, decimal mark, heading line, a line of units, comments.
 
-Told by the file's first lines; nothing about rotors is known here.
+Known by the file's first lines; nothing about rotors is known here.
 """
 
 from __future__ import annotations

@@ -266,9 +266,9 @@ def changed_once(y: Array, X: Array, sd: Array, last: int, time_s: Array, cutoff
     def explained(onset: Onset) -> float:
         own = flat[:, -last:] * np.repeat(onset.time_profile(time_s, cutoff_hz), y.shape[1])[:, None]
         cross = own.T @ flat
-        told = own.T @ own + np.diag(sd[-last:] ** -2.0) - cross @ inverse @ cross.T
+        information = own.T @ own + np.diag(sd[-last:] ** -2.0) - cross @ inverse @ cross.T
         pull = own.T @ off
-        return float(pull @ np.linalg.solve(told, pull))
+        return float(pull @ np.linalg.solve(information, pull))
 
     known = tuple(o for o in onsets(time_s) if o.sudden)
     best = known[0]

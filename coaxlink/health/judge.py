@@ -276,5 +276,5 @@ def _detects(found: Comparison, rotors: int) -> float:
     0.5 (loss / sd)^2 = log(rotors / FAULT_ODDS).
     """
     ratio = np.array([1.0, TORQUE_WITH_THRUST])
-    told = np.maximum(np.einsum("a,nab,b->n", ratio, found.last[:, :2, :2], ratio), 1e-300)
-    return float(np.median(told**-0.5) * np.sqrt(2 * np.log(rotors / FAULT_ODDS * WATCH)))
+    information = np.maximum(np.einsum("a,nab,b->n", ratio, found.last[:, :2, :2], ratio), 1e-300)
+    return float(np.median(information**-0.5) * np.sqrt(2 * np.log(rotors / FAULT_ODDS * WATCH)))

@@ -33,7 +33,7 @@ class HealthInterval:
 
     time_s: float  # its end, the vehicle's clock
     seconds: float
-    measured: Array  # (4,) of the mass and the inertia; thrust is NaN where no accelerometer is told
+    measured: Array  # (4,) of the mass and the inertia; thrust is NaN where no accelerometer is reported
     predicted: Array  # (4,) of the rotors
     slope: Array  # (4,) of `predicted` since the block before, per s
     travel: Array  # (4,) how far `predicted` went up and down within it

@@ -1,7 +1,7 @@
 """How many motor commands never arrived, by what the vehicle itself says.
 
 ArduPilot: the bridge counts the commands it took and says so in every demand. PX4 counts nothing; there
-the larger of two losses is told: the share of its reports of outputs that were not our commands (`Witness`),
+the larger of two losses counts: the share of its reports of outputs that were not our commands (`Witness`),
 and that of questions on the same way (TIMESYNC) that it did not answer, less what is lost on the way back.
 """
 
@@ -51,7 +51,7 @@ class Arrival:
 
 
 class Count:
-    """A counter that is told modulo `modulus`, from the first value on."""
+    """A counter that is sent modulo `modulus`, from the first value on."""
 
     def __init__(self, modulus: int) -> None:
         self._modulus = modulus

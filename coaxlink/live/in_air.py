@@ -167,8 +167,8 @@ class InAir:
     def slow(self) -> str:
         """What comes too slowly to judge by, in words; "" where nothing does."""
         found = {name: hz for name, pace in self._paces.items() if (hz := pace.slow_hz) is not None}
-        told = " and ".join(f"{name} at {hz:.2g} Hz" for name, hz in found.items())
-        return f"{told}, {LEAST_HZ:.0f} Hz and more are needed" if told else ""
+        shown = " and ".join(f"{name} at {hz:.2g} Hz" for name, hz in found.items())
+        return f"{shown}, {LEAST_HZ:.0f} Hz and more are needed" if shown else ""
 
     def heard(self, message: Any) -> Call | None:
         """A message of the autopilot; a call that it brought, and the same again once its size is settled."""

@@ -51,7 +51,7 @@ class ModuleEnd:
         self.token = 1 + secrets.randbelow((1 << HASH_BITS) - 1)
         self.taken = Count(COUNTED)
         self.acknowledged = False  # at some time it said that it follows us
-        self.told: dict[int, float] = {}  # facts by their numbers
+        self.reported: dict[int, float] = {}  # facts by their numbers
         self._number = 0  # of the demand read last
         self._followed: tuple[int, int, int] = (0, 0, 0)  # system, component, token
         self._theirs: int | None = None  # identity that the board says
@@ -65,11 +65,11 @@ class ModuleEnd:
             if not self._session.request_stream(self.demand.number, self._rate_hz):
                 return False
             end = self._clock.monotonic() + FIND_S
-            while len(self.told) < TURN and (left := end - self._clock.monotonic()) > 0:
+            while len(self.reported) < TURN and (left := end - self._clock.monotonic()) > 0:
                 message: Any = self._session.take(heard, left)
                 if message is not None and message.array_id == PAYLOAD_TYPE:
                     self._note(message.data)
-        if len(self.told) < TURN:
+        if len(self.reported) < TURN:
             return False
         if self._theirs != self.identity:
             raise SafetyRefusal(
@@ -81,7 +81,7 @@ class ModuleEnd:
     @property
     def wrench(self) -> NDArray[np.float64]:
         """(4, 4) thrust, roll, pitch, yaw (N, N m) per roll, pitch, yaw, thrust demanded, as it says."""
-        return np.array([self.told[WRENCH_FROM + n] for n in range(16)]).reshape(4, 4)
+        return np.array([self.reported[WRENCH_FROM + n] for n in range(16)]).reshape(4, 4)
 
     # -- a demand and its answer ---------------------------------------------------------------------------
 
@@ -127,7 +127,7 @@ class ModuleEnd:
 
     def account(self) -> dict[str, int]:
         """What the module said of itself last, as `coaxlink mix --json` has it under `board`."""
-        facts = {name: int(self.told.get(n, 0)) for n, name in enumerate(FACTS)}
+        facts = {name: int(self.reported.get(n, 0)) for n, name in enumerate(FACTS)}
         return {"taken": self.taken.total, **facts}
 
     def _note(self, data: Sequence[float]) -> None:
@@ -136,4 +136,4 @@ class ModuleEnd:
             return
         self._number, self._theirs = int(data[7]), int(data[8])
         self._followed = int(data[4]), int(data[5]), int(data[9])
-        self.told[int(data[11])] = data[12]
+        self.reported[int(data[11])] = data[12]

@@ -46,7 +46,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class MotorAnswer:
-    """What was told to turn, and what did."""
+    """What was commanded to turn, and what did."""
 
     number: int
     mount: str
@@ -126,7 +126,7 @@ def mending(answers: Sequence[MotorAnswer], params: Mapping[str, Number], *, px4
     """
     function = (lambda motor: _PX4_MOTOR_1 + motor - 1) if px4 else servo_function
     outputs = {n: v for n, v in params.items() if _OUTPUT.fullmatch(n)}
-    told: dict[str, tuple[Number, Number]] = {}
+    changes: dict[str, tuple[Number, Number]] = {}
     words: list[str] = []
     drives: dict[int, list[str]] = {}  # rotor: the outputs that its ESC is on
     single = {a.number: a.seen.rotors[0] for a in answers if len(a.seen.rotors) == len(a.expected) == 1}
@@ -157,7 +157,7 @@ def mending(answers: Sequence[MotorAnswer], params: Mapping[str, Number], *, px4
     else:
         for motor, rotor in moved.items():
             own = [name for name, held in outputs.items() if held == function(motor)]
-            told |= {name: (outputs[name], function(rotor)) for name in own}
+            changes |= {name: (outputs[name], function(rotor)) for name in own}
             if not own:
                 words.append(f"plug the ESC that motor {motor} drives now where motor {rotor} is driven")
     reverse = [a.seen.rotors[0] for a in answers if a.seen.rotors and a.seen.spin not in ("", a.spin)]
@@ -166,8 +166,8 @@ def mending(answers: Sequence[MotorAnswer], params: Mapping[str, Number], *, px4
         own = drives.get(rotor, [])
         if mask is not None and int(params.get("MOT_PWM_TYPE", 0)) in _DSHOT and own:
             bits = sum(1 << int(name.removeprefix("SERVO").partition("_")[0]) - 1 for name in own)
-            before, after = told.get("SERVO_BLH_RVMASK", (mask, mask))
-            told["SERVO_BLH_RVMASK"] = (before, int(after) ^ bits)
+            before, after = changes.get("SERVO_BLH_RVMASK", (mask, mask))
+            changes["SERVO_BLH_RVMASK"] = (before, int(after) ^ bits)
         else:
             how = (
                 "set its spin direction in QGroundControl's Actuators page (DShot)"
@@ -179,7 +179,7 @@ def mending(answers: Sequence[MotorAnswer], params: Mapping[str, Number], *, px4
         words.append(
             "where the propellers are made for that way, the spin in the airframe file is wrong instead"
         )
-    return Mending(told, tuple(words))
+    return Mending(changes, tuple(words))
 
 
 def _test_places(session: Session, airframe: Airframe) -> tuple[dict[int, int], dict[int, tuple[int, ...]]]:

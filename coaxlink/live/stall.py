@@ -1,4 +1,4 @@
-"""A stop of our own (SIGSTOP, a starved processor) told apart from a silence of the vehicle.
+"""A stop of our own (SIGSTOP, a starved processor) distinguished from a silence of the vehicle.
 
 The demands that waited meanwhile are old, and `live.age` finds them so. A heartbeat that nobody was awake to
 hear does not count as missing.

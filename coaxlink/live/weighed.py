@@ -1,6 +1,6 @@
 """The test in the air beside what nobody measured: the vehicle as its file has it, and with each guess moved.
 
-One sequential test a vehicle, all told the same. A rotor is called once every one of them has held it for the
+One sequential test a vehicle, each given the same. A rotor is flagged once each has held it for the
 likeliest within the last WEIGHED_S; where they differ for so long the answer hangs on that guess, and that is
 said in its place. A mass is not moved: what all rotors have in common is unknown here to a tenth
 (`LIFT_TODAY`). Before any call it is asked whether this is the vehicle (`premises.differs`).
@@ -32,7 +32,7 @@ LOOK_S = 10.0  # between looks whether this is the vehicle
 
 
 @dataclass
-class Told:
+class Premised:
     """One vehicle and what its test believes."""
 
     premise: str  # that was moved; "" for the vehicle as its file has it
@@ -65,7 +65,7 @@ class Weighed:
             ("", "", vehicle),
             *((m.premise, m.words, replace(vehicle, declared=m.airframe)) for m in moved),
         ]
-        self._told = [Told(p, words, Stream(v), SequentialTest(v, hours)) for p, words, v in bodies]
+        self._tests = [Premised(p, words, Stream(v), SequentialTest(v, hours)) for p, words, v in bodies]
         self._vehicle = vehicle
         self._named: tuple[int, float] | None = None  # a rotor that some test called, and when first
         self._blocks: deque[HealthInterval] = deque(maxlen=round(MOST_S / BLOCK_S))
@@ -75,39 +75,39 @@ class Weighed:
         unmeasured = pairs_unmeasured(vehicle.declared, vehicle.rotors)
         self.doubts |= {doubt.premise: doubt for doubt in unmeasured}
         self.differs: tuple[OtherVehicle, ...] = before.differs if before else ()
-        self.charge: float | None = before.charge if before else None  # of the pack, 0..1, where it is told
+        self.charge: float | None = before.charge if before else None  # of the pack, 0..1, where reported
         self._weight: tuple[OtherVehicle, ...] = ()  # what its lift said while the pack was full
 
     def command(self, time_s: float, commands: Sequence[float]) -> None:
         """As `Stream.command`."""
-        for told in self._told:
-            told.stream.command(time_s, commands)
+        for test in self._tests:
+            test.stream.command(time_s, commands)
 
     def reading(
         self, time_s: float, rates: Sequence[float], accel_z: float
     ) -> Iterator[tuple[Verdict, Suspicion | None]]:
         """Verdicts, and the rotor that all premises agree on in the block in which they first do."""
-        rows = [told.stream.reading(time_s, rates, accel_z) for told in self._told]
+        rows = [test.stream.reading(time_s, rates, accel_z) for test in self._tests]
         for blocks in zip(*rows, strict=True):
-            verdict, *_ = [told.step(block) for told, block in zip(self._told, blocks, strict=True)]
+            verdict, *_ = [test.step(block) for test, block in zip(self._tests, blocks, strict=True)]
             self._blocks.append(blocks[0])
             if verdict.time_s - self._looked_s >= LOOK_S:
                 self._look(verdict.time_s)
             yield verdict, self._agreed(verdict.time_s)
 
     def _agreed(self, now_s: float) -> Suspicion | None:
-        own = self._told[0]
+        own = self._tests[0]
         if "rotation" in self.doubts:
             return None
         if self._named is None:
-            called = (t.verdict.called for t in self._told if t.verdict and t.verdict.called)
+            called = (t.verdict.called for t in self._tests if t.verdict and t.verdict.called)
             named = next(called, None)
             if named is None:
                 return None
             self._named = named.rotor, now_s
         rotor, since = self._named
         held = own.holds(rotor, since - WEIGHED_S)
-        apart = [t for t in self._told if t.holds(rotor, since - WEIGHED_S) != held]
+        apart = [t for t in self._tests if t.holds(rotor, since - WEIGHED_S) != held]
         if held and not apart:
             if len(self._blocks) * BLOCK_S < LEAST_S:
                 return None
@@ -117,9 +117,9 @@ class Weighed:
         if apart and now_s - since >= WEIGHED_S:
             self._named = None
             said, other = (f"rotor {rotor}", "no rotor") if held else ("no rotor", f"rotor {rotor}")
-            for told in apart:
-                why = f"{told.words} it is {other} that loses thrust in place of {said}"
-                self.doubts.setdefault(told.premise, not_judged(told.premise, why))
+            for test in apart:
+                why = f"{test.words} it is {other} that loses thrust in place of {said}"
+                self.doubts.setdefault(test.premise, not_judged(test.premise, why))
         return None
 
     def _look(self, now_s: float) -> None:

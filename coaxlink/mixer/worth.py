@@ -32,7 +32,7 @@ HARD = 4.0  # times the moments of the envelope's edge: a third of weight x arm 
 LOADS, TOPMOST = (
     12,
     0.98,
-)  # masses at which sink is told; the heaviest, as a share of what the ceiling carries
+)  # masses at which sink is given; the heaviest, as a share of what the ceiling carries
 BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
 DRIVE_EFFICIENCY = 0.80  # shaft over electrical watts of motor and ESC; enters minutes, never their ratio
 

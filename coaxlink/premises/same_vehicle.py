@@ -120,7 +120,7 @@ def _judged(frame: FlightFrame, loads: Array) -> Array:
 
 def _lift(flown: Flown) -> Iterator[OtherVehicle]:
     lift, carried = -float(np.mean(flown.meant[:, 2])), -float(np.mean(flown.moved[:, 2]))
-    if not np.isfinite(carried):  # no accelerometer is told
+    if not np.isfinite(carried):  # no accelerometer is reported
         return
     ratio = lift / carried if carried > 0.0 else np.inf
     most = (1.0 + LIFT) / flown.sagged
@@ -214,8 +214,8 @@ def _left(flown: Flown, order: Sequence[int]) -> Array:
     loads = body.body_loads(*body.loads(flown.model, flown.speeds[:, list(order)]))[:, 3:]
     x, y = flown.quick(loads), flown.quick(moved)
     along = np.maximum(np.sum(x * y, axis=0), 0.0)
-    told = along**2 / np.maximum(np.sum(x * x, axis=0) * np.sum(y * y, axis=0), 1e-300)
-    return np.asarray(np.maximum(1.0 - told, 1e-6))
+    explained = along**2 / np.maximum(np.sum(x * x, axis=0) * np.sum(y * y, axis=0), 1e-300)
+    return np.asarray(np.maximum(1.0 - explained, 1e-6))
 
 
 def _exchanged(flown: Flown) -> list[OtherVehicle]:
@@ -265,20 +265,20 @@ def _response(flown: Flown) -> list[OtherVehicle]:
     found = []
     for k, axis in enumerate(AXES[1:]):
         along, power, answer = float(x[:, k] @ y[:, k]), float(x[:, k] @ x[:, k]), float(y[:, k] @ y[:, k])
-        told = along**2 / max(power * answer, 1e-300)
+        explained = along**2 / max(power * answer, 1e-300)
         other = int(np.argmax([abs(g) if j != k else 0.0 for j, g in enumerate(gains[:, k])]))
         crosses = abs(float(gains[other, k])) > abs(float(gains[k, k])) / RESPONSE
-        if crosses and jointly[k] > TELLS and 1.0 - jointly[k] < TELLS * (1.0 - told):
+        if crosses and jointly[k] > TELLS and 1.0 - jointly[k] < TELLS * (1.0 - explained):
             gain = float(gains[other, k])
             why = (
                 f"{axis} answers {gain:.2f} times the moment of {AXES[other + 1]} and {gains[k, k]:.2f} "
                 "times its own: rotors stand elsewhere, or outputs are exchanged"
             )
             found.append(OtherVehicle("response", gain, (-1.0 / RESPONSE, 1.0 / RESPONSE), why))
-        elif told > TELLS and along < 0.0:
+        elif explained > TELLS and along < 0.0:
             why = f"{axis} turns against its moment ({along / power:.2f} times): spins, outputs or a sensor"
             found.append(OtherVehicle("response", along / power, (1.0 / most, most), why))
-        elif told > TELLS and (along / power > most or answer / along < 1.0 / most):
+        elif explained > TELLS and (along / power > most or answer / along < 1.0 / most):
             why = f"{axis} answers {along / power:.2f} times its moment (within {most:g} times is expected)"
             found.append(OtherVehicle("response", along / power, (1.0 / most, most), why))
     return found

@@ -85,12 +85,12 @@ class Words:
         while True:
             if failure := self.failure():
                 return failure
-            told = self.motors()
-            if told is not None and motors is not None and told != motors:
-                return f"its script set {told} motors, the table has {motors}"
+            reported = self.motors()
+            if reported is not None and motors is not None and reported != motors:
+                return f"its script set {reported} motors, the table has {motors}"
             reasons = self.prearm()
             if reasons is None:
-                if told is not None:
+                if reported is not None:
                     return ""
                 if clock.monotonic() > end:
                     raise CheckFailed("the board does not say whether it flies the table: see its messages")
@@ -99,7 +99,7 @@ class Words:
             about = [r for r in reasons if any(word in r for word in _OF_TABLE)]
             clean = 0 if about else clean + 1
             wanted = _ROUNDS_LOSSY if self._session.loss > _LOSSY else _ROUNDS
-            if clean >= wanted or (clean and told is not None):
+            if clean >= wanted or (clean and reported is not None):
                 return self.failure()
             if about and clock.monotonic() > end:
                 return about[0]

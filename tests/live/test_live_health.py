@@ -88,7 +88,7 @@ def test_what_hangs_on_a_guess_or_on_another_vehicle_is_no_call(vehicle, log, mo
     """Every premise agrees on rotor 3; where one does not, or where outputs are exchanged, it is no call."""
     body = vehicle.declared
     twice = {**log, "motor1": log["motor6"], "motor6": log["motor1"]}
-    holds = weighed.Told.holds
+    holds = weighed.Premised.holds
     blind = lambda told, *asked: "2 times" not in told.words and holds(told, *asked)  # noqa: E731
     with case_table() as case:
         for name, flown, rows, sees, words in (
@@ -105,7 +105,7 @@ def test_what_hangs_on_a_guess_or_on_another_vehicle_is_no_call(vehicle, log, mo
             ),
         ):
             with case(name):
-                monkeypatch.setattr(weighed.Told, "holds", sees)
+                monkeypatch.setattr(weighed.Premised, "holds", sees)
                 live, said = mixer(flown), []
                 watch = HealthWatch(live, said.append)
                 fly(live, watch, rows)

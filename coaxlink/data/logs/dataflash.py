@@ -256,11 +256,11 @@ def _height(messages: Mapping[str, Message], estimate: Message | None, notes: li
 def _rpm(esc: Message | None, outputs: Map, notes: list[str], premises: list[str]) -> list[TimeSeries | None]:
     instances = set(esc["Instance"].astype(int).tolist()) if esc and "Instance" in esc else set()
     motors = motors_of_escs(outputs, instances, notes, premises)
-    told = {"rpm{}": "RPM"}
+    fields = {"rpm{}": "RPM"}
     more = {"current{}_A": "Curr", "temperature{}_C": "Temp"}
-    told |= {ours: theirs for ours, theirs in more.items() if esc and np.any(esc.get(theirs, 0.0))}
+    fields |= {ours: theirs for ours, theirs in more.items() if esc and np.any(esc.get(theirs, 0.0))}
     return [
-        series(_instance(esc, ("Instance",), instance), {n.format(motor): f for n, f in told.items()})
+        series(_instance(esc, ("Instance",), instance), {n.format(motor): f for n, f in fields.items()})
         for instance, motor in motors.items()
     ]
 

@@ -140,12 +140,12 @@ def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int, bo
     quiet = ("HEARTBEAT", "PARAM_VALUE")
     motion = Counter({who: sum(m.get_type() not in quiet for m in sent) for who, sent in by_sender.items()})
     sent = by_sender[motion.most_common(1)[0][0]]
-    told = [m for m in sent if m.get_type() == "PARAM_VALUE"]
+    reported = [m for m in sent if m.get_type() == "PARAM_VALUE"]
     boot = _longest_boot([m for m in sent if m.get_type() != "PARAM_VALUE"])
     messages = {name: _message(rows) for name, rows in _stamped(boot).items()}
     bytewise = not _is_ardupilot(messages)
-    told_values = {str(m.param_id): _parameter(m, bytewise) for m in told}
-    return messages, told_values, garbled, garbled > 0 or left > LONGEST_FRAME
+    values = {str(m.param_id): _parameter(m, bytewise) for m in reported}
+    return messages, values, garbled, garbled > 0 or left > LONGEST_FRAME
 
 
 def tlog_parameters(path: Path) -> dict[str, float]:
@@ -156,7 +156,7 @@ def tlog_parameters(path: Path) -> dict[str, float]:
     from pymavlink.dialects.v20 import common
 
     parser = common.MAVLink(None)
-    told: dict[tuple[int, int], dict[str, Any]] = defaultdict(dict)
+    reported: dict[tuple[int, int], dict[str, Any]] = defaultdict(dict)
     autopilots: dict[tuple[int, int], int] = {}
     for _, frame in stamped_frames(path):
         number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
@@ -170,13 +170,13 @@ def tlog_parameters(path: Path) -> dict[str, float]:
         if message.get_type() == "HEARTBEAT":
             autopilots[sender] = int(message.autopilot)
         else:
-            told[sender][str(message.param_id)] = message
-    if not told:
+            reported[sender][str(message.param_id)] = message
+    if not reported:
         problem = "no parameters (PARAM_VALUE) in this tlog: record one while a ground station loads them"
         raise InputError(path, "", problem)
-    sender = max(told, key=lambda who: len(told[who]))
-    plain = autopilots.get(sender, ARDUPILOT if "FRAME_CLASS" in told[sender] else 0) == ARDUPILOT
-    return {name: _parameter(message, not plain) for name, message in told[sender].items()}
+    sender = max(reported, key=lambda who: len(reported[who]))
+    plain = autopilots.get(sender, ARDUPILOT if "FRAME_CLASS" in reported[sender] else 0) == ARDUPILOT
+    return {name: _parameter(message, not plain) for name, message in reported[sender].items()}
 
 
 def _is_ardupilot(messages: Mapping[str, Message]) -> bool:

@@ -161,11 +161,11 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
 def _same_motors(log: Samples, airframe: Airframe) -> None:
     rotors = sorted(r.number for r in airframe.rotors)
     if log.motors and sorted(log.motors) != rotors:
-        told, known = (", ".join(map(str, numbers)) for numbers in (sorted(log.motors), rotors))
+        logged, known = (", ".join(map(str, numbers)) for numbers in (sorted(log.motors), rotors))
         why = "the file is another vehicle's, or it lacks rotors"
         if DAMAGED in log.premises:
             why = PREMISES[DAMAGED]
-        problem = f"by the log's own parameters the vehicle has motors {told}, by the airframe's file {known}"
+        problem = f"by the log's own parameters the vehicle has motors {logged}, by its file {known}"
         raise InputError(log.source, "motors", f"{problem}: {why}")
 
 

@@ -180,12 +180,12 @@ def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
     rows, begins = float(q.blocks.rows.sum()), "onset_s" in m.shape
     # what comes gradually is a smooth trend itself, of two numbers: another must do clearly better, and where
     # this one takes most of it, how exactly it came is no doubt that it did
-    least, as_told = (-LITTLE, "better than") if "over_s" in m.shape else (LITTLE, "as well as")
+    least, as_good = (-LITTLE, "better than") if "over_s" in m.shape else (LITTLE, "as well as")
     least = -np.inf if "over_s" in m.shape and share[best] > MOST_OF_IT else least
     for trend in c.trends:
         lead = 0.5 * rows * float(np.sum(np.log(c.squares(trend) / after)[mine])) if begins else np.inf
         if lead < least:
-            return f"a smooth trend over the flight does {as_told} its beginning"
+            return f"a smooth trend over the flight does {as_good} its beginning"
         if (
             over > LEFT
             and share[best] < MOST_OF_IT

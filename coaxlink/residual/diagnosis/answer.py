@@ -158,14 +158,14 @@ def _doubt(ch: Channels, found: Posterior, group: Group) -> Ambiguous:
         if m is not None:
             rivals.append(Rival(m.effect, m.parameters(ch.bare)))
     plan = stand_experiment(ch.bare, found.best.fit.noise, rivals) if len(rivals) == 2 else None
-    told = (
+    experiment = (
         plan.text
         if plan
         else "no run inside what this log has seen tells them apart: record more of what each needs"
     )
     held = np.array([max(found.of(name), 1e-9) for name in group.names[1:]])
     others = (group.probability - group.first) * held / np.sum(held)
-    return Ambiguous(group.names, told, plan, tuple(round(float(p), 4) for p in (group.first, *others)))
+    return Ambiguous(group.names, experiment, plan, tuple(round(float(p), 4) for p in (group.first, *others)))
 
 
 def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexplained]:
@@ -208,7 +208,7 @@ def _values(ch: Channels, variable: str) -> Array:
 
 
 def _smooth(ch: Channels, best: Hypothesis | None) -> tuple[SmoothSurface, ...]:
-    """What the map adds to the polynomials: a part of the rotor model, told by its size."""
+    """What the map adds to the polynomials: a part of the rotor model, named with its size."""
     if best is None:
         return ()
     out, at = [], sum(b.width for b in ch.nuisance)
