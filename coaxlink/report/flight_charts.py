@@ -174,7 +174,11 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
         note = f"demanded: {by}; delivered: mass and inertia times what was measured"
         charts.append(Chart(f"{axis}, demanded and delivered", unit, tuple(lines), note=note))
     gain = float((demanded[:, 0] * delivered[:, 0]).sum() / (demanded[:, 0] ** 2).sum())
-    said = [f"Thrust came out at {gain:.2f} of what {by} says"]
+    roll, pitch, yaw = np.mean(delivered - demanded, axis=0)[1:]
+    said = [
+        f"Thrust came out at {gain:.2f} of what {by} says",
+        f"Mean torque beyond what it says: roll {roll:+.2g}, pitch {pitch:+.2g}, yaw {yaw:+.2g} N m",
+    ]
     if airframe.pairs:
         said.insert(0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power")
     others = [f"This may be another vehicle's flight: {o.why}" for o in other_vehicle(frame, [samples])]
