@@ -13,7 +13,7 @@ from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.discrepancy import discrepancy
-from coaxlink.residual.diagnosis.evidence import Fit, Sums, fitted, sums_of
+from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.noise import Colour, colour_of
 from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.regression.joint_model import Member, composed, member
@@ -88,13 +88,7 @@ class Scorer:
         self.channels, self.colour = channels, colour
         self.columns, self.deviation = joined([*channels.nuisance, *channels.surface])
         self.white = colour.whiten(self.columns)
-        self.target = colour.whiten(channels.target)
-        self.sums = sums_of(self.white, self.target)
-        count = self.white.shape[1]
-        self._touched = [np.flatnonzero(self.white[:, c].any(axis=0)) for c in range(count)]
-        self._by_channel = [
-            np.ascontiguousarray(self.white[:, c, use].T) for c, use in enumerate(self._touched)
-        ]
+        self._own = by_channel(self.white)
         self._forms: dict[str, tuple[Block, Array]] = {}
         self._slopes: dict[object, Slopes] = {}
 
@@ -109,28 +103,6 @@ class Scorer:
     def empty(self) -> Hypothesis:
         """Base and map alone."""
         return self.score((), ())
-
-    def extended(
-        self, target: Array, blocks: Sequence[tuple[Array, Array, Array]]
-    ) -> tuple[Sums, Array, Array]:
-        """Sums of base, map and further (columns, whitened, deviations) on a target, with all columns."""
-        c, p = len(self.sums.power), self.white.shape[-1]
-        moment = np.zeros((c, p))
-        for k in range(c):
-            moment[k, self._touched[k]] = self._by_channel[k] @ target[:, k]
-        nuisance = Sums(self.sums.gram, moment, np.sum(target**2, axis=0), self.sums.rows)
-        if not blocks:
-            return nuisance, self.columns, self.deviation
-        columns = np.concatenate([b[0] for b in blocks], axis=-1)
-        white = np.concatenate([b[1] for b in blocks], axis=-1)
-        own = sums_of(white, target)
-        cross = np.zeros((c, p, white.shape[-1]))
-        for k in range(c):
-            use = np.flatnonzero(white[:, k].any(axis=0))
-            cross[k][np.ix_(self._touched[k], use)] = self._by_channel[k] @ white[:, k][:, use]
-        sums = nuisance.beside(own.gram, cross, own.moment)
-        deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
-        return sums, np.concatenate([self.columns, columns], axis=-1), deviation
 
     def predict(self, members: Sequence[Member]) -> Array:
         """(frame rows, channels) with the members acting."""
@@ -206,7 +178,8 @@ class Scorer:
         for name in forms:
             form, white = self.form(name)
             blocks.append((form.columns, white, form.deviation))
-        sums, columns, deviation = self.extended(self.colour.whiten(target), blocks)
+        sums = sums_of(self._own, self.white.shape[-1], [b[1] for b in blocks], self.colour.whiten(target))
+        deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
         start = ch.reference * 0.01 if noise is None else noise
         fit = fitted(sums, deviation, start, ch.least_noise)
         width = self.white.shape[-1]
@@ -215,7 +188,10 @@ class Scorer:
             + sum(_log_prior(ch, m) for m in members)
             + len({form_name(f) for f in forms}) * (ODDS - np.log(len(ch.forms)))
         )
-        left = target - columns @ fit.values
+        left, at = target - self.columns @ fit.values[:width], width
+        for columns, _, d in blocks:
+            left = left - columns @ fit.values[at : at + len(d)]
+            at += len(d)
         count = len(origin)
         values = fit.values[width : width + count] + np.array(origin)
         shared = (self.white, *(b[1] for b in blocks))

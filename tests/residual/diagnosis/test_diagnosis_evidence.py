@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from coaxlink.residual.diagnosis.evidence import fitted, sums_of
+from coaxlink.residual.diagnosis.evidence import by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.noise import colour_of
 from coaxlink.residual.diagnosis.parts import products, waves
 from coaxlink.residual.diagnosis.screening import Stack
@@ -26,6 +26,13 @@ def data():
     return columns, target, deviation, noise
 
 
+def model(columns, target, deviation, noise, rounds):
+    """Fitted, the last two columns as what comes beside the others."""
+    base = columns[..., :3]
+    sums = sums_of(by_channel(base), base.shape[-1], [columns[..., 3:]], target)
+    return fitted(sums, deviation, noise, np.full(2, 1e-9), rounds=rounds)
+
+
 def of_definition(columns, target, deviation, noise):
     """log N(y; 0, X P X' + N), the rows of both channels stacked."""
     x = columns.transpose(1, 0, 2).reshape(-1, columns.shape[-1])
@@ -35,13 +42,13 @@ def of_definition(columns, target, deviation, noise):
 
 def test_the_evidence_is_that_of_its_definition(data):
     columns, target, deviation, noise = data
-    fit = fitted(sums_of(columns, target), deviation, noise, np.full(2, 1e-9), rounds=0)
+    fit = model(columns, target, deviation, noise, rounds=0)
     assert fit.log_evidence == pytest.approx(of_definition(columns, target, deviation, noise), rel=1e-9)
 
 
 def test_the_noise_levels_are_at_their_best(data):
     columns, target, deviation, noise = data
-    fit = fitted(sums_of(columns, target), deviation, noise, np.full(2, 1e-9), rounds=60)
+    fit = model(columns, target, deviation, noise, rounds=60)
     best = of_definition(columns, target, deviation, fit.noise)
     for moved in ([1.05, 1.0], [0.95, 1.0], [1.0, 1.05], [1.0, 0.95]):
         assert of_definition(columns, target, deviation, fit.noise * moved) < best
@@ -50,13 +57,12 @@ def test_the_noise_levels_are_at_their_best(data):
 def test_columns_more_gain_what_the_larger_model_has_more(data):
     columns, target, deviation, noise = data
     few, more = columns[..., :3], columns[..., 3:]
-    least = np.full(2, 1e-9)
-    small = fitted(sums_of(few, target), deviation[:3], noise, least, rounds=0)
-    large = fitted(sums_of(columns, target), deviation, noise, least, rounds=0)
+    small = model(few, target, deviation[:3], noise, rounds=0)
+    large = model(columns, target, deviation, noise, rounds=0)
     left = target - few @ small.values
     stack = Stack([(more, deviation[3:]), (more[..., :1], deviation[3:4])])
     gain, one = stack.gains(SimpleNamespace(fit=small, whitened=lambda c: few[:, c]), left)
-    middle = fitted(sums_of(columns[..., :4], target), deviation[:4], noise, least, rounds=0)
+    middle = model(columns[..., :4], target, deviation[:4], noise, rounds=0)
     assert one == pytest.approx(middle.log_evidence - small.log_evidence, abs=1e-5)
     assert gain == pytest.approx(large.log_evidence - small.log_evidence, abs=1e-5)
 
