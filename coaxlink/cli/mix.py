@@ -214,6 +214,8 @@ def _watch(live: LiveMixer, seconds: float | None, lost_s: float) -> str | None:
 def _line(s: dict[str, Any]) -> str:
     error, others = s["allocation_error"]["mean"], s["not_believed"]
     lost = s["arrival"]["never_arrived"] if s["arrival"] else 0
+    failed = (s["board"] or {}).get("failed_motors", 0)
+    motors = ", ".join(str(n + 1) for n in range(failed.bit_length()) if failed >> n & 1)
     return (
         f"{s['law']}{' (dry run)' if s['dry_run'] else ''}, {s['state']}: "
         f"{s['cycles']} demands answered in {s['seconds']:.1f} s ({s['rate_hz']:.0f} Hz), "
@@ -221,6 +223,7 @@ def _line(s: dict[str, Any]) -> str:
         f"error {figure(error[0], 2)} N, {figure(max(error[1:]), 2)} N m, "
         f"unanswered {sum(s['unanswered'].values())}"
         + (f", never arrived {lost}" if lost else "")
+        + (f", motor {motors} failed: the module flies alone and turns down what turns it" if failed else "")
         + (f", {others} datagrams under its ids not believed" if others else "")
     )
 

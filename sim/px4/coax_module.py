@@ -41,6 +41,7 @@ class CoaxModule:
         self.refused = [0] * 5
         self.taken = self.handed_back = self._number = self._told = 0
         self.share = 0.0
+        self.stopped = 0  # motors that the failure detector took out (bit i)
         self._demand = [0.0] * 4
         self._sent: dict[int, tuple[float, NDArray[np.float64]]] = {}  # number: when, what the law delivers
         self._own = self._theirs = np.zeros(rotors)
@@ -65,11 +66,12 @@ class CoaxModule:
             self.share = 0.0
         else:
             self.share = min(1.0, self.share + dt / FADE_S)
-        return self._own + self.share * (self._theirs - self._own)
+        turns = [not self.stopped >> i & 1 for i in range(self._rotors)]
+        return np.where(turns, self._own + self.share * (self._theirs - self._own), 0.0)
 
     def demand_message(self, now: float, time_usec: int) -> m.MAVLink_message:
         """DEBUG_FLOAT_ARRAY."""
-        facts = [*self.refused, self.handed_back, 0, 0, *self.built.wrench.ravel().tolist()]
+        facts = [*self.refused, self.handed_back, 0, self.stopped, *self.built.wrench.ravel().tolist()]
         followed = self._who if self._is_followed(now) else (0, 0, 0)
         data = [
             *self._demand, *followed[:2], self.taken, self._number, self.built.identity, followed[2],
@@ -103,6 +105,8 @@ class CoaxModule:
         newer = not self._is_followed(now) or 0 < (number - self._answered) % WHOLE < WHOLE // 2
         if now - at > self.built.timeout_s + 1e-9 or not newer:
             return STALE
+        if any(self.stopped >> i & 1 and u[i] > 0 for i in range(self._rotors)):
+            return IMPLAUSIBLE
         if np.abs(self.built.delivered(u) - own).max() > PLAUSIBLE:
             return IMPLAUSIBLE
         self._theirs, self._who, self._answered, self._of, self._heard = u, who, number, at, now

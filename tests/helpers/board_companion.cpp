@@ -2,7 +2,7 @@
 #include <cstdio>
 
 // a word a line: `d now` a demand goes out; `a now identity token number system component rotors speed` an answer comes;
-// `b now` a blend: what a rotor that flies 0.5 by the own law flies, and what was refused so far
+// `s now` its first rotor is taken out of the law; `b now` a blend: what a rotor that flies 0.5 by the own law flies, and what was refused so far
 int main()
 {
 	static coaxlink::Companion<2> c(0xabcdef);
@@ -13,6 +13,8 @@ int main()
 		const float delivered[4] = {0.f, 0.f, 0.5f, 0.f};
 
 		if (word == 'd') { c.sent(now, delivered); }
+
+		if (word == 's') { c.stopped = 1; }
 
 		if (word == 'a') {
 			unsigned identity, token, number, system, component, rotors;

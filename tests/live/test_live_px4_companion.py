@@ -11,6 +11,7 @@ import pytest
 from live_flight import CRM, EXAMPLES, X8, Companion, Flight
 from pymavlink.dialects.v20 import common as mavlink
 
+from coaxlink.cli.mix import _line
 from coaxlink.cli.shared.coax_firmware import coax_firmware
 from coaxlink.errors import SafetyRefusal
 from coaxlink.live.mixer import LiveMixer
@@ -124,6 +125,19 @@ def spoiled(companion: Companion, data: bytes, fault: str) -> bool:
     number = next(n for n, (_, who) in enumerate(flight.peers[0]) if who is companion)
     flight.ports[0].put(number, bytes(spoilt))
     return True
+
+
+@slow
+def test_who_turns_a_motor_that_the_board_took_out_is_not_flown_and_says_so(flight: ModuleFlight) -> None:
+    _, live = flown(flight)
+    module, before = flight.autopilot.module, refused(flight)
+    module.stopped, since = 1 << 3, flight.clock.now
+    flight.fly(0.2)
+    handed = flight.own_since(since)
+    module.stopped = 0
+    assert handed is not None and handed < OUT_S + GRAIN_S
+    assert refused(flight)["implausible"] > before["implausible"] and live.error is None
+    assert live.summary()["board"]["failed_motors"] == 8 and "motor 4 failed" in _line(live.summary())
 
 
 @slow

@@ -72,6 +72,14 @@ def test_what_is_not_flown_is_counted(rules):
 
 @needs_compiler
 @pytest.mark.slow
+def test_who_turns_a_motor_that_is_out_of_the_law_is_not_flown(rules):
+    answer = "a 6000 abcdef 7 2 255 191 2"
+    assert follow(rules, f"{FIRST}d 5000\ns 5500\n{answer} 0.6\nb 26000\n")[-1][:6] == [0.5, 0, 0, 0, 0, 1]
+    assert follow(rules, f"{FIRST}d 5000\ns 5500\n{answer} 0.0\nb 6000\n")[-1][5] == 1  # delivers nothing
+
+
+@needs_compiler
+@pytest.mark.slow
 def test_a_silent_companion_is_out_when_its_demand_is_20_ms_old(rules):
     (_, *_), at_20, at_21 = follow(rules, f"{FIRST}b 21000\nb 21004\n")
     assert at_20[0] > 0.5 and at_21[0] == 0.5 and at_21[-1] == 1

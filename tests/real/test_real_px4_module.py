@@ -402,3 +402,5 @@ def test_a_rotor_dies_and_is_taken_out(tmp_path: Path, flown_by: str) -> None:
         f"{100 * np.abs(lost[late]).max():.0f} and {100 * sideways[late].max():.0f} cm; {flown['facts']}"
     )
     assert np.abs(lost[late]).max() < 0.5 and sideways[late].max() < 0.5
+    if flown_by == "companion":  # which goes on with eight rotors
+        assert flown["share"][-1, 1] == 0.0 and flown["facts"][REFUSALS.index("implausible")] > 100

@@ -5,6 +5,7 @@ tests/uploading/test_uploading_undo.py.
 """
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -95,6 +96,11 @@ def test_verified_and_undone_after_a_flight(firmware: str, boot: Boot, tmp_path:
         undo(url, str(tmp_path / backup), tmp_path)
         after = held(url, names)
         assert after == {name: before[name] for name in after}
+        other = coaxlink("verify", str(tables), "--connect", url, fails=True)
+        sys.stdout.write(
+            f"\n{firmware}, verify after restore, exit {other.returncode}: {other.stdout}{other.stderr}"
+        )
+        assert other.returncode == 1 and "learned" not in other.stdout and "e+0" not in other.stdout
         rest = undo(url, str(tmp_path / backup), tmp_path, "--all")
         assert not rest["passed_over"]  # whatever it refuses is on our list
 

@@ -169,6 +169,7 @@ void CoaxMixer::check_failures()
 	if (mask == _failed || (mask != 0 && (_failed != 0 || count != 1))) { return; }
 
 	_failed = mask;
+	_companion.stopped = mask;
 	_law.without(slots);
 	PX4_WARN("motors out of the law: 0x%x", static_cast<unsigned>(mask));
 }

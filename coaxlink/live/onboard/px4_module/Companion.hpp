@@ -61,6 +61,8 @@ public:
 
 		if (demand.at == 0 || demand.sequence != sequence || now - demand.at > longest_us || !newer) { refuse(STALE); return; }
 
+		for (int i = 0; i < ROTORS; i++) { if (((stopped >> i) & 1U) && speed[i] > 0.f) { refuse(IMPLAUSIBLE); return; } }
+
 		float delivered[4];
 		deliver(speed, delivered);
 
@@ -98,6 +100,7 @@ public:
 	uint32_t token(uint64_t now) const { return followed(now) ? _who.token : 0; }
 
 	uint32_t longest_us = 20000;     // COAX_TIMEOUT
+	uint32_t stopped = 0;            // rotors out of the law (bit i): an answer that turns one does not know of it
 	uint32_t refused[REFUSALS] {};
 	uint32_t taken = 0, handed_back = 0, oldest_us = 0;
 	float share = 0.f;               // of the companion in what is flown
