@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.cli.mix import _line
 from coaxlink.cli.shared.coax_firmware import coax_firmware
-from coaxlink.errors import SafetyRefusal
+from coaxlink.errors import CheckFailed, SafetyRefusal
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.onboard import card
 from coaxlink.live.onboard.description import board_law
@@ -166,7 +166,9 @@ def test_another_vehicles_module_is_refused() -> None:
 
 
 @slow
-def test_extras_on_the_card_start_the_module_and_its_removal_brings_px4s_own_back() -> None:
+def test_extras_on_the_card_start_the_module_and_its_removal_brings_px4s_own_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Plain(ModuleFlight):
         extras = b""
 
@@ -183,4 +185,8 @@ def test_extras_on_the_card_start_the_module_and_its_removal_brings_px4s_own_bac
         assert (ground.autopilot.module is not None) is starts
     ground.autopilot.files.files["etc/extras.txt"] = b"somebody's own"
     with pytest.raises(SafetyRefusal, match="not coaxlink's"):
+        card.put_extras(session, EXTRAS.decode())
+    ground.autopilot.files.files.pop("etc/extras.txt")
+    monkeypatch.setattr(card, "CARD", "/no/card")
+    with pytest.raises(CheckFailed, match="no SD card on board"):
         card.put_extras(session, EXTRAS.decode())

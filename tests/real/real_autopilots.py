@@ -173,6 +173,16 @@ class Px4:
         assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
         return done.stdout
 
+    def extras(self) -> str:
+        """What its console answers to the card's `extras.txt`, which a board runs at boot."""
+        script = f". {self.binary.parent}/px4-alias.sh {self.instance}\n. fs/microsd/etc/extras.txt\n"
+        environment = os.environ | {"PATH": f"{self.binary.parent}:{os.environ['PATH']}"}
+        command = ["bash", "-O", "expand_aliases", "-c", script]
+        done = subprocess.run(
+            command, capture_output=True, text=True, cwd=self.folder, env=environment, timeout=60
+        )
+        return done.stdout + done.stderr
+
     def start_module(self, hover: float) -> None:
         """As `extras.txt` does on a board."""
         self.shell("control_allocator", "stop")

@@ -31,6 +31,8 @@ from real_autopilots import (
     ROOT,
     Loss,
     Px4,
+    coaxlink,
+    hover,
     px4,
     real_time,
     take_off,
@@ -335,29 +337,37 @@ def settled_split(air: Air) -> float:
     return float(air.fly(Hold("hover", HERE, 5.0))["split"])
 
 
-def test_after_a_reboot_its_own_allocator_runs_and_the_module_only_where_it_is_enabled(
-    tmp_path: Path,
-) -> None:
-    (tmp_path / "px4").mkdir()
-    with (
-        real_time(),
-        px4(Path(BINARY), tmp_path / "px4", "--airframe", str(AIRFRAME), "--speed", "1") as board,
-    ):
-        with (
-            board.boot(factory(tmp_path / "standard"), cut=True) as url,
-            connect(url, timeout_s=90.0) as session,
-        ):
-            board.start_module(LAW.hover)
-            take_off(session)
-        with board.boot(factory(tmp_path / "again"), cut=True) as url, connect(url, timeout_s=90.0):
+def test_the_cards_file_starts_it_and_without_it_px4s_own_allocator_flies(tmp_path: Path) -> None:
+    """`bridge --connect`, the file, a reboot; then `--back` and a reboot."""
+    verb = ("bridge", str(AIRFRAME), "--firmware", "px4")
+    (tmp_path / "px4" / "fs" / "microsd").mkdir(parents=True)
+    card = tmp_path / "px4" / "fs" / "microsd" / "etc" / "extras.txt"
+    world = ("--airframe", str(AIRFRAME), "--speed", "1")
+    with real_time(), px4(Path(BINARY), tmp_path / "px4", *world) as board:
+        with board.boot(factory(tmp_path / "standard"), cut=True) as url:
+            coaxlink(*verb, "--out", str(tmp_path / "module"), "--connect", url)
+        with board.boot(cut=True) as url, connect(url, timeout_s=90.0) as session:
+            board.extras()
+            assert f"0x{LAW.identity:06x}" in board.shell("coax_mixer", "status")
+            assert hovering_split(session) == pytest.approx(exact_split(), rel=0.02)
+        with board.boot(cut=True) as url:
+            coaxlink(*verb, "--connect", url, "--back")
+            assert not card.exists()
+        with board.boot(cut=True) as url, connect(url, timeout_s=90.0) as session:
             with pytest.raises(AssertionError, match="not running"):
                 board.shell("coax_mixer", "status")
             assert "Running" in board.shell("control_allocator", "status")
+            assert hovering_split(session) == pytest.approx(1.0, abs=0.03)
             board.shell("control_allocator", "stop")
             board.shell("param", "set", "COAX_EN", "0")
             with pytest.raises(AssertionError, match="COAX_EN is 0"):
                 board.shell("coax_mixer", "start")
             board.shell("control_allocator", "start")
+
+
+def hovering_split(session: Session) -> float:
+    """Of one take-off, hover and landing."""
+    return split(hover(session, take_off(session), 5.0))
 
 
 DEAD = 4  # a rotor

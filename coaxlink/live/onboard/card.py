@@ -4,22 +4,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from coaxlink.errors import SafetyRefusal
+from coaxlink.errors import CheckFailed, SafetyRefusal
 from coaxlink.mavlink.ftp import Files
 
 if TYPE_CHECKING:
     from coaxlink.mavlink.session import Session
 
-PATH = "/fs/microsd/etc/extras.txt"
+CARD = "/fs/microsd"
+PATH = f"{CARD}/etc/extras.txt"
 OURS = b"# coaxlink:"
 
 
 def put_extras(session: Session, text: str) -> None:
     """Write it, checked against the board's checksum.
 
-    Raises SafetyRefusal while armed, on what is no PX4, and where the card has somebody else's; FileError.
+    Raises SafetyRefusal while armed, on what is no PX4, and where the card has somebody else's; CheckFailed
+    where there is no card; FileError.
     """
     card = _card(session)
+    if card.listing(CARD) is None:
+        raise CheckFailed(
+            f"no SD card on board ({CARD} is not there, as in PX4's simulation): in the console, "
+            "`control_allocator stop`, then `coax_mixer start` do the same until the next boot"
+        )
     card.make_folder(PATH.rpartition("/")[0])
     card.write(PATH, text.encode())
 
