@@ -319,7 +319,7 @@ def score(log: Log, answer: Answer, reference: Answer | None = None) -> Score:
         last = answer["failed"].strip().splitlines()[-1][:100]
         return Score(log, 0.0, frozenset(), False, nan, nan, f"FAILED {last}")
     found = names_of(answer)
-    groups = [frozenset(a["names"]) for a in answer["ambiguous"]]
+    groups = [frozenset(n.split(" of ")[0] for n in a["names"]) for a in answer["ambiguous"]]
     open_ends, suspects = answer["unexplained"], answer["suspect_data"]
     if reference is not None and "failed" not in reference:
         found = found - (names_of(reference) - set(t["effects"]))

@@ -186,7 +186,7 @@ class Scorer:
         prior = (
             small * REFUSED
             + sum(_log_prior(ch, m) for m in members)
-            + len({form_name(f) for f in forms}) * (ODDS - np.log(len(ch.forms)))
+            + len({form_name(f) for f in forms}) * (ODDS - np.log(max(len(ch.forms), 1)))
         )
         left, at = target - self.columns @ fit.values[:width], width
         for columns, _, d in blocks:

@@ -149,6 +149,11 @@ def _ramped(
     return ramps[best] if more > RAMP_GAIN else sudden
 
 
+def with_option(p: Problem, option: Option, shape: Shape, reduce: Callable[[Array], Array]) -> Problem:
+    """The problem with an option in another shape as its last."""
+    return _offering(p, [(option, shape)], reduce)
+
+
 def _offering(p: Problem, new: Sequence[tuple[Option, Shape]], reduce: Callable[[Array], Array]) -> Problem:
     """The problem with more options."""
     options, pieces, at = list(p.options), [p.design], p.design.shape[-1]

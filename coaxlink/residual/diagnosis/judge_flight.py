@@ -23,13 +23,14 @@ from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
 from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
 from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled, undone, without
+from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.result import Ambiguous, Refinement, Step
-from coaxlink.residual.search.change_point import with_onsets
+from coaxlink.residual.result import Ambiguous, FoundEffect, Refinement, Step, probability
+from coaxlink.residual.search.change_point import with_onsets, with_option
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
 from coaxlink.residual.search.trial import columns_of
@@ -38,6 +39,10 @@ Progress = Callable[[str], None]
 LEAST_ROWS = 80  # judged rows of a flight
 SCRUTINIES = 4  # of a flight's choice; of one longer than five minutes, one
 DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
+NO_PLACE = 1e-4  # probability: less is not told
+LOOK = (
+    "ground it and look at both; where neither shows it, a new propeller on the first, the same flight again"
+)
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
 
 
@@ -101,6 +106,9 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     if lifted and not mislabelled:
         c, doubts = _weighed(f, c)
     c = _dragged(f, c)
+    progress("weighing every rotor")
+    c, where, which = _placed(f, c)
+    doubts += which
     progress("judging")
     act = [part for part in known if part[0].name not in c.names]
     act += [(m.effect, m.parameters(bare)) for m in c.joint.members]
@@ -116,7 +124,8 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     def fitted(options: Sequence[Option]) -> Joint:
         return f.fitted(c.problem, Selection(members=list(options)), all_of=True).joint
 
-    return answer(with_rivals(judged, c.problem, fitted, c.names - chosen), several)
+    judged = with_rivals(judged, c.problem, fitted, c.names - chosen)
+    return _sure_of_place(answer(judged, several), where)
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:
@@ -178,6 +187,45 @@ def _dragged(f: _Flight, c: _Choice) -> _Choice:
     why = "what drags in the wind damps yaw as the rotors' drag does"
     selection.trace.append(Step(9, "add", drag.name, 0.0, 0.0, 0.0, True, why))
     return replace(c, selection=selection, joint=both, acting=fitter.acting(both.members))
+
+
+def _placed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Place, ...], tuple[Ambiguous, ...]]:
+    """With what is at one rotor at the likeliest one, and its places; or withheld, where these are not told
+    apart.
+    """
+    mine = next((m for m in c.joint.members if ROTOR in m.shape), None)
+    if mine is None or mine.name in f.knows or c.selection.doubtful:
+        return c, (), ()
+    found = places(f.bare, c.joint.members)
+    option = next(o for o in c.selection.members if o.name == mine.name)
+    others = [o for o in c.selection.members if o is not option]
+    if between := undecided(found):
+        names = tuple(f"{mine.name} of rotor {p.rotor}" for p in between)
+        said = tuple(probability(p.probability) for p in between)
+        doubt = Ambiguous(names, LOOK, probability=said)
+        return replace(c, selection=replace(c.selection, members=others, doubtful=[option])), (), (doubt,)
+    if found[0].rotor == int(mine.shape[ROTOR]):
+        return c, tuple(found), ()
+    problem = with_option(c.problem, option, found[0].member.shape, f.reduce)
+    chosen = f.fitted(problem, replace(c.selection, members=[*others, problem.options[-1]]), all_of=True)
+    return chosen, tuple(found), ()
+
+
+def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:
+    """The answer with how probable each rotor is beside the effect that is at one."""
+    if not found:
+        return said
+    shares = {str(p.rotor): round(p.probability, 4) for p in found if p.probability > NO_PLACE}
+
+    def told(e: FoundEffect) -> FoundEffect:
+        if e.name != found[0].member.name:
+            return e
+        evidence = {**e.evidence, "rotors": shares}
+        if "probability" in evidence:
+            evidence["probability"] = round(evidence["probability"] * found[0].probability, 4)
+        return replace(e, evidence=evidence)
+
+    return replace(said, effects=tuple(told(e) for e in said.effects))
 
 
 def _doubted(f: _Flight, c: _Choice) -> _Choice:

@@ -1,0 +1,61 @@
+"""Which rotor lost something: every rotor is weighed, and two that nothing decides between are a doubt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from residual_world import fly
+
+from coaxlink import files
+from coaxlink.airframe import load_airframe
+from coaxlink.data import Samples
+from coaxlink.effects import effect
+from coaxlink.residual import refine
+from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.diagnosis import judge_flight as answers
+from coaxlink.residual.diagnosis.rotors import Place, places, undecided
+from coaxlink.residual.regression.joint_model import member
+from coaxlink.rotor import load_rotor_model
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def chipped():
+    (log,) = fly([{"weak": (3, 0.15)}], seconds=16.0, seed=4)
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    return Samples(log, "chipped"), airframe, load_rotor_model(files.example("rotor_paper.toml"))
+
+
+def weak(frame, rotor):
+    return member(frame, effect("degraded_rotor").flight, {"rotor": rotor}, np.array([0.1, 0.0]))
+
+
+def test_the_partner_of_a_pair_is_weighed_wherever_the_search_began(chipped):
+    log, *vehicle = chipped
+    frame = flight_frame([log], *vehicle)
+    first = places(frame, [weak(frame, 8.0)])[0]
+    assert first.rotor == 3 and first.probability > 0.99
+    assert first.member.parameters(frame)["thrust_loss"] == pytest.approx(0.15, abs=0.02)
+
+
+def test_two_rotors_that_nothing_decides_between_are_a_doubt_and_no_name(chipped, monkeypatch):
+    def open_ended(frame, members):
+        return [Place(3, 0.75, weak(frame, 3.0)), Place(8, 0.25, weak(frame, 8.0))]
+
+    monkeypatch.setattr(answers, "places", open_ended)
+    said = refine(*chipped)
+    assert not said.effects
+    (doubt,) = said.ambiguous
+    assert doubt.names == ("degraded_rotor of rotor 3", "degraded_rotor of rotor 8")
+    assert doubt.probability == pytest.approx((0.735, 0.245))
+
+
+def test_a_rotor_is_claimed_where_all_others_together_are_improbable():
+    def at(*shares):
+        return [Place(k, p, None) for k, p in enumerate(shares, 1)]  # type: ignore[arg-type]
+
+    assert [p.rotor for p in undecided(at(0.77, 0.21, 0.02))] == [1, 2, 3]
+    assert undecided(at(0.995, 0.005)) == undecided(at(0.985, 0.009, 0.006)) == []
