@@ -34,13 +34,14 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
-WEAK, LOSS, ONSET_S, SECONDS = 3, 0.2, 25.0, 50.0
+WEAK, LOSS, SECONDS = 3, 0.2, 50.0
+SHORT_S = 30.0  # of a flight that is damaged often
 Flight = dict[str, np.ndarray]
 IMU = ("accel_{}_m_s2", "gyro_{}_rad_s")
 
 
-def flown(*, weak: bool) -> Flight:
-    """Columns at 50 Hz."""
+def flown(*, weak: bool, seconds: float = SECONDS) -> Flight:
+    """Columns at 50 Hz; the loss sets in at half time."""
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import load_vehicle
     from sim.effects import HiddenEffect
@@ -52,8 +53,8 @@ def flown(*, weak: bool) -> Flight:
     design = make_design(
         read_vehicle(frame), read_pair(rotors), report_px4(load_vehicle(frame, rotors), "fitted").params
     )
-    lost = (HiddenEffect("degraded_rotor", LOSS, ONSET_S, {"rotor": float(WEAK)}),) if weak else ()
-    return fly_quick(design, FlightWorld(lost, 3, "wander", SECONDS), 8)[1]
+    lost = (HiddenEffect("degraded_rotor", LOSS, 0.5 * seconds, {"rotor": float(WEAK)}),) if weak else ()
+    return fly_quick(design, FlightWorld(lost, 3, "wander", seconds), 8)[1]
 
 
 def messages(log: Flight, order: tuple[int, ...], *, mapped: bool) -> Iterator[tuple[float, Any]]:
@@ -242,7 +243,7 @@ def damages(count: int, verb: str, named: list[Path]) -> int:
         (Path(folder) / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
         whole = {}
         for weak in (False, True):
-            write_tlog(path, messages(flown(weak=weak), ORDER, mapped=True))
+            write_tlog(path, messages(flown(weak=weak, seconds=SHORT_S), ORDER, mapped=True))
             whole["weak.tlog" if weak else "sound.tlog"] = path.read_bytes()
         whole |= {f"{p.parent.name}/{p.name}": p.read_bytes() for p in named}
         right = {}
