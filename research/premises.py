@@ -57,6 +57,16 @@ def flown(*, weak: bool, seconds: float = SECONDS) -> Flight:
     return fly_quick(design, FlightWorld(lost, 3, "wander", seconds), 8)[1]
 
 
+def grounded(log: Flight) -> Flight:
+    """The flight with three seconds on the ground before and after it."""
+    step = float(np.median(np.diff(log["time_s"])))
+    rows = round(3.0 / step)
+    still = {n: np.zeros(rows) for n in log} | {"accel_z_m_s2": np.full(rows, -9.81)}
+    out = {n: np.concatenate([still[n], c, still[n]]) for n, c in log.items()}
+    out["time_s"] = log["time_s"][0] + step * np.arange(len(out["time_s"]))
+    return out
+
+
 def messages(log: Flight, order: tuple[int, ...], *, mapped: bool) -> Iterator[tuple[float, Any]]:
     """What a PX4 would have sent; output n drives motor order[n - 1]."""
     if mapped:
@@ -67,7 +77,7 @@ def messages(log: Flight, order: tuple[int, ...], *, mapped: bool) -> Iterator[t
         ms, us = round(1e3 * t) + 5000, round(1e6 * t) + 5_000_000
         if k % 50 == 0:
             yield t, mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3)
-            yield t, mavlink.MAVLink_extended_sys_state_message(0, 2)
+            yield t, mavlink.MAVLink_extended_sys_state_message(0, 2 if log["motor1"][k] > 0.0 else 1)
             yield t, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 25000, -1, 95, 0, 0, 0, 0, 0, 0)
         pulses = [round(1000 + 1000 * float(log[f"motor{n}"][k])) for n in order] + [0] * 8
         yield t, mavlink.MAVLink_servo_output_raw_message(us, 0, *pulses)
@@ -231,7 +241,10 @@ def answered(verb: str, log: Path, frame: Path) -> tuple[str, tuple[str, ...]]:
         *found.get("not_this_vehicle", ()),
         *found.get("suspect_data", ()),
     )
-    return words(verb, found, text), (*found.get("premises", ()), *(str(r["why"]) for r in lacks))
+    return words(verb, found, text), (
+        *found.get("premises", found.get("notes", ())),
+        *(str(r["why"]) for r in lacks),
+    )
 
 
 def damages(count: int, verb: str, named: list[Path]) -> int:
@@ -243,7 +256,7 @@ def damages(count: int, verb: str, named: list[Path]) -> int:
         (Path(folder) / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
         whole = {}
         for weak in (False, True):
-            write_tlog(path, messages(flown(weak=weak, seconds=SHORT_S), ORDER, mapped=True))
+            write_tlog(path, messages(grounded(flown(weak=weak, seconds=SHORT_S)), ORDER, mapped=True))
             whole["weak.tlog" if weak else "sound.tlog"] = path.read_bytes()
         whole |= {f"{p.parent.name}/{p.name}": p.read_bytes() for p in named}
         right = {}

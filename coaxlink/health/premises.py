@@ -19,6 +19,7 @@ from coaxlink.premises import (
     moves,
     not_judged,
     other_vehicle,
+    unseen,
 )
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
@@ -32,8 +33,8 @@ def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> H
 
     Raises InputError when a log lacks what every flight needs.
     """
-    granted = tuple(dict.fromkeys(PREMISES[p] for log in logs for p in log.premises))
-    return replace(_judged(logs, names, vehicle), premises=granted)
+    granted = dict.fromkeys(PREMISES[p] for log in logs for p in log.premises)
+    return replace(_judged(logs, names, vehicle), premises=(*granted, *unseen(logs)))
 
 
 def _judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> Health:

@@ -7,6 +7,7 @@ machine take five times as long.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,6 +29,7 @@ from coaxlink.premises import (
     not_judged,
     other_motors,
     other_vehicle,
+    unseen,
 )
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.empty_cells import without_empty_cells
@@ -86,9 +88,13 @@ def refine(
             lacks = _hangs_on(found, several, bare)
         return found.claiming_nothing(lacks) if lacks else found
 
+    def told() -> Refinement:
+        found = run()
+        return replace(found, notes=(*found.notes, *unseen(several)))
+
     if differs := tuple(other_motors(several, airframe)):
         return Refinement("flight", {}, (), (), (), (), (), None, not_this_vehicle=differs)
-    return _answered(several, run)
+    return _answered(several, told)
 
 
 def vehicle_differs(logs: Sequence[Samples], airframe: Airframe) -> tuple[OtherVehicle, ...]:
