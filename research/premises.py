@@ -236,15 +236,9 @@ def answered(verb: str, log: Path, frame: Path) -> tuple[str, tuple[str, ...]]:
     found = json.loads(told.read_text()) if told.is_file() else {}
     if not found:
         return f"refused ({code})", (text.strip().splitlines()[-1],)
-    lacks = (
-        *found.get("cannot_judge", ()),
-        *found.get("not_this_vehicle", ()),
-        *found.get("suspect_data", ()),
-    )
-    return words(verb, found, text), (
-        *found.get("premises", found.get("notes", ())),
-        *(str(r["why"]) for r in lacks),
-    )
+    lacks = [r for key in ("cannot_judge", "not_this_vehicle", "suspect_data") for r in found.get(key) or ()]
+    granted = found.get("premises", found.get("notes", ()))
+    return words(verb, found, text), (*granted, *(str(r["why"]) for r in lacks))
 
 
 def damages(count: int, verb: str, named: list[Path]) -> int:
@@ -286,6 +280,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--damages", type=int, metavar="N")
+    parser.add_argument("--flight", choices=("sound", "weak"), help="by default both")
     parser.add_argument("--verb", choices=("health", "refine"), default="health")
     parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--small", action="store_true", help="one flight, two premises, for CI")
@@ -296,7 +291,7 @@ def main() -> None:
     chosen = ("inertia guessed", "outputs exchanged") if o.small else tuple(PREMISES)
     rows, wrong = [], 0
     print("| flight | premise | verb | says | exit | |\n|---|---|---|---|---:|---|")
-    for flight in ("weak",) if o.small else ("sound", "weak"):
+    for flight in ("weak",) if o.small else (o.flight,) if o.flight else ("sound", "weak"):
         log = flown(weak=flight == "weak")
         for premise in chosen:
             change, order, mapped, flips = PREMISES[premise]

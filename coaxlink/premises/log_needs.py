@@ -51,4 +51,5 @@ def unseen(logs: Sequence[Samples]) -> Iterator[str]:
         words += [f"has a gap of {gaps.max():.1f} s"] if gaps.max() > GAP_S else []
         words += [f"ends in the air, at {time[-1]:.1f} s"] if flying[-1] else []
         if words:
-            yield f"{log.source or 'the log'} {' and '.join(words)}: what set in there, or before, is not seen"
+            name = log.source or "the log"
+            yield f"{name} {' and '.join(words)}: what set in there, or before, is not seen"
