@@ -73,6 +73,8 @@ def escs(rpm: dict[int, int], functions: bool) -> TOPIC:
     out: TOPIC = {"esc_count": ("uint8_t", 4)}
     for i in range(4):
         out[f"esc[{i}].esc_rpm"] = ("int32_t", rpm.get(i, 0))
+        out[f"esc[{i}].esc_current"] = ("float", 10.0 * i)
+        out[f"esc[{i}].esc_temperature"] = ("float", 40.0 + i)
         if functions:
             out[f"esc[{i}].actuator_function"] = ("uint8_t", 101 + i if i in rpm else 0)
     return out
@@ -116,7 +118,8 @@ def test_every_version_says_which_motor_had_which_command(tmp_path: Path) -> Non
                 np.testing.assert_allclose(log["accel_z_m_s2"], -9.75)
                 assert (OUTPUTS_AS_MOTORS not in log.premises) == known
                 if any(topic == "esc_status" for topic, _ in topics):
-                    np.testing.assert_allclose(log["rpm2"], 2000)
+                    for column, value in (("rpm2", 2000), ("current2_A", 10), ("temperature2_C", 41)):
+                        np.testing.assert_allclose(log[column], value)
 
 
 def test_of_several_instances_the_one_in_use_counts(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.data.samples import DAMAGED
 from coaxlink.health.premises import flown_by, judged
-from coaxlink.premises import as_if, moves, other_vehicle
+from coaxlink.premises import as_if, moves, other_vehicle, unseen
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor import load_rotor_model
@@ -175,6 +175,23 @@ def test_a_moved_frame_is_the_frame_of_the_moved_vehicle(flights):
         quick = as_if(frame, moved.airframe)
         assert np.allclose(quick.measured[rows], again.measured[rows], rtol=1e-9, atol=1e-9)
         assert np.abs(quick.predicted[rows] - again.predicted[rows]).max() < 0.02 * frame.weight
+
+
+def test_a_log_that_is_not_a_whole_flight_says_what_it_does_not_hold():
+    time, motor = np.arange(0.0, 20.0, 0.02), np.full(1000, 0.5)
+    whole = Samples({"time_s": time, "motor1": np.where((time > 2.0) & (time < 18.0), motor, 0.0)}, "f")
+    holed = whole.take((time < 5.0) | (time > 9.0))
+    with case_table() as case:
+        for log, words in (
+            (whole, ()),
+            (whole.take(time > 3.0), ("begins in the air",)),
+            (whole.take(time < 12.0), ("ends in the air, at 12.0 s",)),
+            (holed, ("has a gap of 4.0 s",)),
+            (holed.take(holed["time_s"] > 3.0), ("begins in the air and has a gap of 4.0 s",)),
+        ):
+            with case(str(words)):
+                said = tuple(unseen([log]))
+                assert len(said) == len(words) and all(w in s for w, s in zip(words, said, strict=True))
 
 
 def test_what_was_measured_is_not_moved():
