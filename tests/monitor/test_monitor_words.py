@@ -82,6 +82,7 @@ def test_split_of_an_arm_is_a_hundred_together() -> None:
     top, best = round(100 * arm.upper_share), round(100 * arm.ideal_share)
     expected = f"{arm.thrust_N:.1f} N  {top} : {100 - top} %  ideal {best} : {100 - best}"
     assert words.arm_split(arm).plain == expected
+    assert words.arm_split(arm, room=28).plain == expected.split("N  ")[1]
     assert "--" in words.arm_split(look(heartbeat()).arms[0]).plain
 
 

@@ -6,7 +6,6 @@ import itertools
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from test_report_pages import FOUND
 
 from coaxlink.files import example
@@ -39,14 +38,6 @@ def clashes(figure) -> list[tuple[str, str]]:
             if shape[0] == shape[1] and near:
                 found.append((str(a.get_label()), str(b.get_label())))
     return found
-
-
-def test_the_check_finds_lines_of_one_shape_and_lightness():
-    axes = (figure := Figure()).subplots()
-    axes.plot([0, 1], color="#4477aa", label="a")
-    axes.plot([1, 0], color="#777777", label="b")
-    axes.plot([1, 0], color="#777777", ls="--", label="c")
-    assert clashes(figure) == [("a", "b")]
 
 
 def test_looks_differ_in_dashes_shape_and_hatching():

@@ -56,8 +56,9 @@ class ArmPanel(Static):
     def show(self, arm: ArmView, stale: bool, escs_stale: bool) -> None:
         """Draw `arm`."""
         self.border_title = Content.from_rich_text(words.arm_title(arm, escs_stale))
-        self.border_subtitle = Content.from_rich_text(words.arm_split(arm, stale))
-        put(self, words.arm_body(arm, max(self.content_size.width, 24), stale))
+        room = max(self.content_size.width, 24)
+        self.border_subtitle = Content.from_rich_text(words.arm_split(arm, stale, room))
+        put(self, words.arm_body(arm, room, stale))
 
 
 class SplitPage(Vertical):

@@ -75,8 +75,8 @@ def arm_title(arm: ArmView, stale: bool) -> Text:
     return title
 
 
-def arm_split(arm: ArmView, stale: bool = False) -> Text:
-    """`49.1 N  42 : 58 %  ideal 45 : 55` of an arm, upper : lower."""
+def arm_split(arm: ArmView, stale: bool = False, room: int = 99) -> Text:
+    """`49.1 N  42 : 58 %  ideal 45 : 55`, upper : lower; without the thrust where `room` is short."""
     total = f"{number(arm.thrust_N, stale=stale)} N"
     if arm.lower is None:
         return Text(total, DIM if stale else "")
@@ -88,7 +88,7 @@ def arm_split(arm: ArmView, stale: bool = False) -> Text:
         words.append_text(Text.assemble(("  ideal ", DIM), _pair(arm.ideal_share, stale, plain=True)))
     if stale:
         words.stylize(DIM)
-    return words
+    return words if words.cell_len <= room else words[len(total) + 2 :]
 
 
 def _pair(share: float, stale: bool, *, plain: bool = False) -> Text:
