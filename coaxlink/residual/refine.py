@@ -145,12 +145,12 @@ def _hangs_on(found: Refinement, logs: Sequence[Samples], bare: FlightFrame) -> 
     hangs: dict[str, NotJudged] = {}
     for moved in moves(bare.airframe):
         own = OWN.get(moved.premise)
-        names = {e.name for e in found.effects} - {own}
+        names = found.names - {own}
         declared = moved.premise == "mass_kg"
         if moved.premise in hangs or (declared and (not names or _held(moved, found, bare))):
             continue
         other = judge_flight(logs, as_if(bare, moved.airframe), lambda _: None)
-        now = {e.name for e in other.effects} - {own}
+        now = other.names - {own}
         # somebody's word counts where the log bears it out against the other number
         if now == names or (declared and _error(other) > _error(found) + CLEARLY):
             continue

@@ -84,6 +84,9 @@ def probabilities(behind: Sequence[float]) -> tuple[float, ...]:
     return tuple(probability(float(p)) for p in odds / np.sum(odds))
 
 
+AT = " of rotor "  # between the name of an effect and its place, where the place is what is ambiguous
+
+
 @dataclass(frozen=True)
 class Unexplained:
     """A residual that still depends on something, by no physics we know."""
@@ -220,6 +223,12 @@ class Refinement:
         return "\n".join(lines)
 
     @property
+    def names(self) -> frozenset[str]:
+        """Of the effects that are there, also where nothing tells at which rotor."""
+        placed = {name.split(AT)[0] for a in self.ambiguous for name in a.names if AT in name}
+        return frozenset({e.name for e in self.effects} | placed)
+
+    @property
     def at_floor(self) -> bool:
         """Whether nothing was left to explain: no effect, doubt or open dependence."""
         return self.verdict == "nothing to mend"
@@ -249,6 +258,7 @@ class Refinement:
             effects=(),
             ambiguous=(),
             model=None,
+            would_show=(),
             cannot_judge=tuple(cannot_judge),
             not_this_vehicle=tuple(not_this_vehicle),
         )

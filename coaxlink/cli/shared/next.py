@@ -24,6 +24,9 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
     `airframe` is the file that the user named, None if none.
     """
     names = [effect.name for effect in result.effects]
+    for doubt in result.ambiguous:
+        if doubt.names[0].startswith("degraded_rotor"):
+            return f"next: {doubt.separate_by}"
     if names:
         return _after_effects(names, out, airframe)
     if result.suspect_data:

@@ -47,6 +47,7 @@ def flight_problem(frame: FlightFrame) -> Problem:
         return reduce_columns(frame, columns)
 
     residual = reduce(frame.measured - frame.predicted)
+    broken = runs_of(frame)
     floor = flight_floor(frame, frame.measured - frame.predicted, residual)
     problem = build(
         frame=frame,
@@ -58,14 +59,9 @@ def flight_problem(frame: FlightFrame) -> Problem:
         corrections=[(c.name, c.bound, reduce(c.columns)) for c in flight_corrections(frame)],
         effects=flight_effects(),
         reduce=reduce,
-        block=flight_blocks(frame),
+        block=contiguous_blocks(frame.time_s[frame.keep], broken, least_s=2.0, count=40),
     )
     return replace(problem, clear_size=CLEAR_SIZE)
-
-
-def flight_blocks(frame: FlightFrame) -> Index:
-    """(kept,) number of each judged row's block."""
-    return contiguous_blocks(frame.time_s[frame.keep], runs_of(frame), least_s=2.0, count=40)
 
 
 def nuisance_columns(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Array:

@@ -170,7 +170,7 @@ class _Split:
             rest = mine - half @ shared[ch.place]
             scaled[ch.columns] = solve_triangular(own, rest, lower=True, trans=1, check_finite=False)
             # trace of the channel's products times the posterior covariance, block by block
-            alone = dtrtri(own, lower=1)[0]
+            alone = dtrtri(own, lower=1)[0] if len(own) else own  # all its columns may be shared
             back = alone.T @ half
             several = half.T @ half + back.T @ back - weight[c] * ch.common
             used[c] = len(own) - np.sum(alone**2) - np.sum(inverse[np.ix_(ch.place, ch.place)] * several)

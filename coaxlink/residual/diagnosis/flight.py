@@ -2,51 +2,82 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
-from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
+from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
-from coaxlink.residual.channels.flight_problem import flight_blocks, flight_variables, known_parts
+from coaxlink.residual.channels.flight_problem import flight_variables
 from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.hypotheses import Scorer, begun
+from coaxlink.residual.diagnosis.judge import NAMED_NATS, WORTH_TELLING
+from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.parts import Block
-from coaxlink.residual.nuisance.flight_corrections import flight_corrections
-from coaxlink.residual.regression.joint_model import composed
+from coaxlink.residual.diagnosis.search import Search
+from coaxlink.residual.regression.joint_model import Member, Part
+from coaxlink.residual.regression.problem import Problem
+from coaxlink.residual.result import WouldShow
+from coaxlink.residual.search.trial import GAIN, SIZE
 
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
 LEAST_SIZE = 0.0025  # of the reference load: less is within what a sound model and its mounting are off by
+MANY_ROWS = 10_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
-def flight_channels(bare: FlightFrame) -> Channels:
-    """Channels of aligned flights, `bare` without what the model knows of already.
+def flight_channels(bare: FlightFrame, known: Sequence[Part], p: Problem) -> Channels:
+    """Channels of aligned flights, `bare` without what the model knows of already, and their regression.
 
     A correction's prior deviation is half its bound: the bound is two of them.
     """
-    known, notes = known_parts(bare)
-    frame = composed(bare, known)
+    some = p.block % (-(-len(p.residual) // MANY_ROWS)) == 0
+    bare, frame = (replace(f, keep=f.keep[some]) for f in (bare, p.frame))
 
     def reduce(columns: Array) -> Array:
         return reduce_columns(frame, columns)
 
-    target, reference = reduce(frame.measured - frame.predicted), frame.reference
-    corrections = [(c.name, c.bound, reduce(c.columns)) for c in flight_corrections(frame)]
+    def columns(use: np.ndarray) -> Array:
+        return np.asarray(p.design[some][:, :, use] * p.sigma[:, None], float)
+
+    target = p.residual[some] * p.sigma
+    bounds = np.abs(p.blocks.bounds[p.nuisance])
+    nuisance = zip(p.nuisance_names, p.nuisance, bounds, strict=True)
     return Channels(
         frame=frame,
         bare=bare,
         known=tuple(known),
-        names=FLIGHT_CHANNELS,
-        units=FLIGHT_UNITS,
-        reference=reference,
+        names=p.channels,
+        units=p.units,
+        reference=p.reference,
         target=target,
-        block=flight_blocks(frame),
-        least_noise=np.maximum(RESOLUTION * reference, frame.rounding),
+        block=np.unique(p.block[some], return_inverse=True)[1],
+        least_noise=np.maximum(RESOLUTION * p.reference, frame.rounding),
         variables={n: v for n, v in flight_variables(frame).items() if np.ptp(v) > 0.0},
-        speeds={c: (frame.speeds[frame.keep].mean(axis=1),) for c in range(len(FLIGHT_CHANNELS))},
-        weights=np.broadcast_to(reference, target.shape),
-        nuisance=tuple(Block(n, x[..., None], np.array([0.5 * bound])) for n, bound, x in corrections),
+        speeds={c: (frame.speeds[frame.keep].mean(axis=1),) for c in range(len(p.channels))},
+        weights=np.broadcast_to(p.reference, target.shape),
+        nuisance=tuple(Block(n, columns(np.array([i])), np.array([0.5 * b])) for n, i, b in nuisance),
         surface=(),
         forms={},
         effects=(),
         reduce=reduce,
-        notes=(*frame.notes, *notes),
         least_size=LEAST_SIZE,
+        grid=[(o.effect, o.shape, columns(o.columns)) for o in p.options if "onset_s" not in o.shape],
     )
+
+
+def would_show(ch: Channels, members: Sequence[Member], rows: int) -> list[WouldShow]:
+    """The smallest size of every effect of the grid that would have been named beside these members.
+
+    Of `rows` judged rows: it has the evidence of a stand's names, and lowers the squared error of a channel
+    by the share that the selection asks for.
+    """
+    scorer = Scorer(ch, white(ch.count))
+    held = [begun(ch, m.effect, m.shape, m.coefficients) for m in members]
+    scorer = Scorer(ch, colour_of(scorer.linearised(held, (), None)[0].left))
+    search = Search(scorer)
+    search.visited.add(scorer.linearised(held, (), None)[0])
+    nats = max(NAMED_NATS, -0.5 * rows * float(np.log(1.0 - GAIN))) * len(ch.target) / rows
+    found = search.would_show(nats, limited=True)
+    shown = [WouldShow(n, max(s, SIZE), c) for n, (s, c) in found.items()]
+    return sorted((w for w in shown if w.share < WORTH_TELLING), key=lambda w: w.share)

@@ -23,13 +23,14 @@ from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
 from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
 from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled, undone, without
+from coaxlink.residual.diagnosis.flight import flight_channels, would_show
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.result import Ambiguous, FoundEffect, Refinement, Step, probability
+from coaxlink.residual.result import AT, Ambiguous, FoundEffect, Refinement, Step, WouldShow, probability
 from coaxlink.residual.search.change_point import with_onsets, with_option
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
@@ -125,7 +126,8 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         return f.fitted(c.problem, Selection(members=list(options)), all_of=True).joint
 
     judged = with_rivals(judged, c.problem, fitted, c.names - chosen)
-    return _sure_of_place(answer(judged, several), where)
+    said = _sure_of_place(answer(judged, several), where)
+    return said if mislabelled else replace(said, would_show=_least(f, c, said))
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:
@@ -196,11 +198,11 @@ def _placed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Place, ...], tuple[A
     mine = next((m for m in c.joint.members if ROTOR in m.shape), None)
     if mine is None or mine.name in f.knows or c.selection.doubtful:
         return c, (), ()
-    found = places(f.bare, c.joint.members)
+    found = places(flight_channels(f.bare, f.known, c.problem), c.joint.members)
     option = next(o for o in c.selection.members if o.name == mine.name)
     others = [o for o in c.selection.members if o is not option]
     if between := undecided(found):
-        names = tuple(f"{mine.name} of rotor {p.rotor}" for p in between)
+        names = tuple(f"{mine.name}{AT}{p.rotor}" for p in between)
         said = tuple(probability(p.probability) for p in between)
         doubt = Ambiguous(names, LOOK, probability=said)
         return replace(c, selection=replace(c.selection, members=others, doubtful=[option])), (), (doubt,)
@@ -209,6 +211,14 @@ def _placed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Place, ...], tuple[A
     problem = with_option(c.problem, option, found[0].member.shape, f.reduce)
     chosen = f.fitted(problem, replace(c.selection, members=[*others, problem.options[-1]]), all_of=True)
     return chosen, tuple(found), ()
+
+
+def _least(f: _Flight, c: _Choice, said: Refinement) -> tuple[WouldShow, ...]:
+    """The smallest size of every effect that is not named that these flights would have shown."""
+    named = said.names.union(*(a.names for a in said.ambiguous))
+    members = [m for m in c.joint.members if m.name in named]
+    shown = would_show(flight_channels(f.bare, f.known, c.problem), members, len(c.problem.residual))
+    return tuple(w for w in shown if w.name not in named)
 
 
 def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:

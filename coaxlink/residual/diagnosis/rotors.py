@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.frames import FlightFrame
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.flight import flight_channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
@@ -23,7 +21,7 @@ ROTOR = "rotor"  # the number of a shape that is no quantity but a place
 START = 0.1  # of a loss, where the fit begins
 NEAR = 0.8  # of what the best place explains: less is no rival (judgement)
 ROUNDS = 2  # of colour
-MANY_ROWS = 10_000  # judged rows: of longer flights only the rotors of one pair are weighed (seconds)
+MANY_ROWS = 60_000  # of a frame: of longer flights only the rotors of one pair are weighed (seconds)
 
 
 @dataclass(frozen=True)
@@ -35,12 +33,11 @@ class Place:
     member: Member
 
 
-def places(bare: FlightFrame, members: Sequence[Member]) -> list[Place]:
+def places(ch: Channels, members: Sequence[Member]) -> list[Place]:
     """The rotors that the member with a place among these may be at, the most probable first.
 
     Probabilities are of all that were weighed, tempered by what is left over (`posterior`).
     """
-    ch = flight_channels(bare)
     members = [begun(ch, m.effect, m.shape, m.coefficients) for m in members]  # each pays for all its numbers
     mine = next(m for m in members if ROTOR in m.shape)
     others = [m for m in members if m is not mine]
@@ -79,7 +76,7 @@ def _everywhere(ch: Channels, mine: Member) -> list[Member]:
     plain = {k: v for k, v in mine.shape.items() if k != "slower"}
     own, airframe = int(mine.shape[ROTOR]), ch.bare.airframe
     numbers = [r.number for r in airframe.rotors]
-    if len(ch.target) > MANY_ROWS:
+    if len(ch.bare.time_s) > MANY_ROWS:
         pairs = [{numbers[i] for i in pair} for pair in airframe.pairs]
         numbers = sorted({own}.union(*(pair for pair in pairs if own in pair)))
     out = []

@@ -171,22 +171,28 @@ class Search:
         start = self.started(h, candidate)
         self._try([*h.members, start], h.forms, h)
 
-    def would_show(self, nats: float) -> dict[str, tuple[float, str]]:
+    def would_show(self, nats: float, *, limited: bool = False) -> dict[str, tuple[float, str]]:
         """Of every effect, how large it had to be to gain so many nats beside the best set, and where it
         would show.
 
         Sizes are shares of the reference load, 95th percentile over the rows, of the middle one of an
-        effect's plain shapes; expected nats grow with the square of the size.
+        effect's plain shapes; expected nats grow with the square of the size. `limited`: corrections go no
+        further than two deviations, and what they cannot take shows.
         """
         best = self.visited.best
         sizes: dict[str, list[tuple[float, str]]] = {}
-        for c in self.candidates:
+        for c, (_, _, columns) in zip(self.candidates, self.channels.grid, strict=True):
             information, _ = self._beside(best, c)
             own = 1.0 / max(float(np.linalg.pinv(information, hermitian=True)[0, 0]), 1e-300)
-            column = np.abs(self.channels.reduce(c.effect.columns(self.channels.frame, c.shape))[..., 0])
-            share = np.quantile(column, 0.95, axis=0) / self.channels.reference
+            share = np.quantile(np.abs(columns[..., 0]), 0.95, axis=0) / self.channels.reference
             k = int(np.argmax(share))
             size = float(share[k]) * float(np.sqrt(2.0 * nats / own))
+            if limited:
+                alone = 1.0 / max(float(np.linalg.pinv(self._alone(best, c), hermitian=True)[0, 0]), 1e-300)
+                mine = c.white[..., 0] / best.fit.noise**2
+                along = np.einsum("rcp,rc->p", self.scorer.white, mine) / np.sum(mine * c.white[..., 0])
+                taken = float(np.abs(along) @ (2.0 * self.scorer.deviation))
+                size = min(size, float(share[k]) * (taken + float(np.sqrt(2.0 * nats / alone))))
             sizes.setdefault(c.effect.name, []).append((size, self.channels.names[k]))
         return {name: sorted(mine)[len(mine) // 2] for name, mine in sizes.items()}
 
@@ -196,15 +202,19 @@ class Search:
         """
         left = self.scorer.colour.whiten(h.left)
         weight = 1.0 / h.fit.noise**2
-        gram, moment = np.diag(1.0 / c.deviation**2), np.zeros(len(c.deviation))
+        gram, moment = self._alone(h, c), np.zeros(len(c.deviation))
         cross = np.zeros((len(h.fit.deviation), len(moment)))
         for k in np.flatnonzero(c.white.any(axis=(0, 2))):
             mine = c.white[:, k]
-            gram += weight[k] * (mine.T @ mine)
             moment += weight[k] * (mine.T @ left[:, k])
             cross += weight[k] * (h.whitened(int(k)).T @ mine)
         half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
         return gram - half.T @ half, moment
+
+    def _alone(self, h: Hypothesis, c: Candidate) -> Array:
+        """(K, K) what the log tells of a candidate's coefficients where nothing gives way."""
+        mine = c.white / h.fit.noise[:, None]
+        return np.asarray(np.diag(1.0 / c.deviation**2) + np.einsum("rca,rcb->ab", mine, mine, optimize=True))
 
     def started(self, h: Hypothesis, c: Candidate) -> Member:
         """The candidate with the coefficients that fit beside a hypothesis."""

@@ -1,4 +1,4 @@
-"""Which rotor lost something: every rotor is weighed, and two that nothing decides between are a doubt."""
+"""Flights by a stand's evidence: which rotor lost something, and what a flight would have shown."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from coaxlink.data import Samples
 from coaxlink.effects import effect
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.channels.flight_problem import flight_problem
 from coaxlink.residual.diagnosis import judge_flight as answers
+from coaxlink.residual.diagnosis.flight import flight_channels
 from coaxlink.residual.diagnosis.rotors import Place, places, undecided
 from coaxlink.residual.regression.joint_model import member
 from coaxlink.rotor import load_rotor_model
@@ -22,32 +24,38 @@ from coaxlink.rotor import load_rotor_model
 pytestmark = pytest.mark.slow
 
 
+CHIPPED, DRAGGED, SOUND = range(3)
+
+
 @pytest.fixture(scope="module")
-def chipped():
-    (log,) = fly([{"weak": (3, 0.15)}], seconds=16.0, seed=4)
+def flights():
+    logs = fly([{"weak": (3, 0.15)}, {"drag": 0.08}, {}], seconds=16.0, seed=4)
     airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
-    return Samples(log, "chipped"), airframe, load_rotor_model(files.example("rotor_paper.toml"))
+    model = load_rotor_model(files.example("rotor_paper.toml"))
+    return [(Samples(log, "made"), airframe, model) for log in logs]
 
 
 def weak(frame, rotor):
     return member(frame, effect("degraded_rotor").flight, {"rotor": rotor}, np.array([0.1, 0.0]))
 
 
-def test_the_partner_of_a_pair_is_weighed_wherever_the_search_began(chipped):
-    log, *vehicle = chipped
+def test_the_partner_of_a_pair_is_weighed_wherever_the_search_began(flights, capfd):
+    log, *vehicle = flights[CHIPPED]
     frame = flight_frame([log], *vehicle)
-    first = places(frame, [weak(frame, 8.0)])[0]
+    first = places(flight_channels(frame, (), flight_problem(frame)), [weak(frame, 8.0)])[0]
     assert first.rotor == 3 and first.probability > 0.99
     assert first.member.parameters(frame)["thrust_loss"] == pytest.approx(0.15, abs=0.02)
+    assert capfd.readouterr() == ("", "")  # nor has LAPACK anything to say
 
 
-def test_two_rotors_that_nothing_decides_between_are_a_doubt_and_no_name(chipped, monkeypatch):
-    def open_ended(frame, members):
+def test_two_rotors_that_nothing_decides_between_are_a_doubt_and_no_name(flights, monkeypatch):
+    def open_ended(ch, members):
+        frame = ch.bare
         return [Place(3, 0.75, weak(frame, 3.0)), Place(8, 0.25, weak(frame, 8.0))]
 
     monkeypatch.setattr(answers, "places", open_ended)
-    said = refine(*chipped)
-    assert not said.effects
+    said = refine(*flights[CHIPPED])
+    assert not said.effects and said.names == {"degraded_rotor"}
     (doubt,) = said.ambiguous
     assert doubt.names == ("degraded_rotor of rotor 3", "degraded_rotor of rotor 8")
     assert doubt.probability == pytest.approx((0.735, 0.245))
@@ -59,3 +67,12 @@ def test_a_rotor_is_claimed_where_all_others_together_are_improbable():
 
     assert [p.rotor for p in undecided(at(0.77, 0.21, 0.02))] == [1, 2, 3]
     assert undecided(at(0.995, 0.005)) == undecided(at(0.985, 0.009, 0.006)) == []
+
+
+def test_what_would_have_been_shown_is_named_where_it_is_there(flights):
+    sound = {w.name: w.share for w in refine(*flights[SOUND]).would_show}
+    assert {"degraded_rotor", "rotor_drag", "cg_offset", "mass_change"} <= set(sound)
+    assert all(0.005 <= share < 0.3 for share in sound.values())
+    dragged = refine(*flights[DRAGGED])
+    assert {e.name for e in dragged.effects} == {"rotor_drag"}
+    assert "rotor_drag" not in {w.name for w in dragged.would_show}
