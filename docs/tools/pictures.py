@@ -26,7 +26,7 @@ from sim.testing import standins
 
 PICTURES = Path(__file__).parents[1] / "pictures"
 FLOWN_S = 16.0  # of the flight, until the screen is kept
-SIZE = (32, 64)  # lines, columns: letters that can be read where the picture is 400 px wide
+SIZE = (40, 64)  # lines, columns: letters that can be read where the picture is 400 px wide
 SEED = "1"  # of the demo's hidden effect
 
 

@@ -65,7 +65,7 @@ def test_numbers_times_and_bars() -> None:
 def test_a_rotor_line_fills_its_width_whatever_it_shows() -> None:
     rotor = RotorView(12, "lower", 0.648, 3499.0, 0.65, 28.9, 0.92, 77.9)
     full = RotorView(6, "lower", 1.0, 5400.0, 1.0, 77.9, 2.1, 77.9, "max")
-    for width in (30, 36, 46, 56, 90):
+    for width in (28, 30, 36, 46, 56, 90):
         line = words.rotor_line(rotor, width, stale=False)
         assert line.cell_len == width
         assert line.plain.startswith("▼12 ") and "28.9 N" in line.plain and "65 %" in line.plain

@@ -41,6 +41,8 @@ def rotor_line(rotor: RotorView, width: int, stale: bool) -> Text:
     thrust, rpm = number(rotor.thrust_N, stale=stale), number(rotor.rpm, 0, stale=stale)
     throttle = percent(rotor.throttle, stale=stale)
     values = f"{thrust:>5} N{rpm:>6}rpm {throttle:>5}"
+    if width < 30:
+        values = f"{thrust:>5} N{rpm:>5}rpm{throttle:>5}"
     if width >= 44:
         values = f"{thrust:>6} N {rpm:>6} rpm {throttle:>6}"
     if width >= 54:
