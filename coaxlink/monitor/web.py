@@ -76,6 +76,7 @@ class WebMonitor:
         self._own = f"{HOST}:{listener.getsockname()[1]}"
         self._token = secrets.token_urlsafe(24)
         self._running: set[Process] = set()
+        self._killed: set[Process] = set()  # once each: a second signal may reap it before asyncio does
         self._starting = 0
         parts = Path(str(resources("textual_serve")))
         self._static = parts / "static"
@@ -167,8 +168,7 @@ class WebMonitor:
         try:
             await _obey(page, process)
         finally:
-            if process.returncode is None:
-                process.kill()  # it only watches
+            self._kill(process)  # it only watches
             await showing
         return page
 
@@ -199,10 +199,11 @@ class WebMonitor:
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
         finally:
-            if process.returncode is None and page.closed:
-                process.kill()
+            if page.closed:
+                self._kill(process)
             code = await process.wait()
             self._running.discard(process)
+            self._killed.discard(process)
             said = plain_lines((await told).decode(errors="replace")[-TEXT:]).replace("\n", "\r\n")
         if code == 0:
             await page.close(code=LEFT)
@@ -211,8 +212,12 @@ class WebMonitor:
 
     async def _end_all(self, _: web.Application) -> None:
         for process in self._running:
-            if process.returncode is None:
-                process.kill()
+            self._kill(process)
+
+    def _kill(self, process: Process) -> None:
+        if process.returncode is None and process not in self._killed:
+            self._killed.add(process)
+            process.kill()
 
 
 async def _obey(page: web.WebSocketResponse, process: Process) -> None:
