@@ -6,13 +6,18 @@ Every test prints what it measured: `pytest -s`.
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from real_autopilots import AIRFRAME, Loss, coaxlink
+from real_autopilots import AIRFRAME, ROOT, Loss, coaxlink, take_off
 from test_real_fly import ENDING, Flier, firmwares, flier
+
+from coaxlink.fly.trajectory import FlightPlan, Hold
+from coaxlink.mavlink import connect
 
 pytestmark = pytest.mark.timeout(1800)
 WEAK, AFTER_S = 3, 15.0
@@ -54,3 +59,29 @@ def test_a_rotor_that_loses_a_tenth_in_the_air_is_named(tmp_path: Path, firmware
     worst = found["suspects"][0]
     assert found["verdict"] == "ground it" and worst["rotor"] == WEAK
     assert worst["loss"][1] < 0.1 < worst["loss"][2]
+
+
+@firmwares
+def test_monitor_names_it_while_it_hovers(tmp_path: Path, firmware: str) -> None:
+    loss, since = Loss.by_word(WEAK, 0.1), []
+
+    def lose(_: str, t: float) -> None:
+        if t > 30.0 and not since:
+            since.append(session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3)
+            loss.told.set()
+
+    with flier(firmware, tmp_path, loss=loss) as vehicle, connect(vehicle.url, timeout_s=60.0) as session:
+        command = [sys.executable, "-m", "coaxlink", "monitor", "--connect", vehicle.pilot]
+        command += ["--airframe", str(AIRFRAME), "--once", "--seconds", "40"]
+        flown = take_off(session)
+        watch = subprocess.Popen(
+            [*command, "--json", str(tmp_path / "m.json")], cwd=tmp_path, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        flown.follow(FlightPlan((Hold("hover", (0.0, 0.0, -3.0), 80.0),)), lose)
+        said, _ = watch.communicate(timeout=120.0)
+        flown.land()
+    (call,) = json.loads((tmp_path / "m.json").read_text())["health"]["calls"]
+    sys.stdout.write(f"\n{firmware}, monitor, after {call['time_s'] - since[0]:.1f} s: {call}")
+    assert call["rotor"] == WEAK and abs(call["loss"] - 0.1) < 3 * call["loss_sd"]
+    assert f"rotor {WEAK} (x) lost" in said

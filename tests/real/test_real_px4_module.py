@@ -7,6 +7,7 @@ prints what it measured: `pytest -s`.
 from __future__ import annotations
 
 import heapq
+import json
 import os
 import select
 import signal
@@ -370,7 +371,7 @@ def hovering_split(session: Session) -> float:
     return split(hover(session, take_off(session), 5.0))
 
 
-DEAD = 4  # a rotor
+DEAD, WEAK = 4, 3  # rotors
 
 
 @pytest.mark.parametrize("flown_by", ["px4", "module", "companion"])
@@ -414,3 +415,28 @@ def test_a_rotor_dies_and_is_taken_out(tmp_path: Path, flown_by: str) -> None:
     assert np.abs(lost[late]).max() < 0.5 and sideways[late].max() < 0.5
     if flown_by == "companion":  # which goes on with eight rotors
         assert flown["share"][-1, 1] == 0.0 and flown["facts"][REFUSALS.index("implausible")] > 100
+
+
+def test_mix_names_a_rotor_that_loses_a_tenth(tmp_path: Path) -> None:
+    (tmp_path / "px4").mkdir()
+    loss = Loss.by_word(WEAK, 0.1)
+    with (
+        real_time(),
+        px4(Path(BINARY), tmp_path / "px4", loss=loss) as board,
+        board.boot(factory(tmp_path / "standard"), cut=True) as url,
+        connect(url, timeout_s=90.0) as session,
+    ):
+        air = Air(board, session, tmp_path)
+        with air.mix("exact"):
+            air.fly(Hold("sound", HERE, 20.0))
+            since = session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3
+            loss.told.set()
+            air.fly(Hold("weak", HERE, 8.0))
+        air.line.over = True
+        air.vehicle.land()
+    (call,) = json.loads((tmp_path / "mix.json").read_text())["health"]["calls"]
+    tell(
+        f"rotor {WEAK} loses 10 %: called rotor {call['rotor']} after {call['time_s'] - since:.1f} s, {call}"
+    )
+    assert call["rotor"] == WEAK and 0.0 < call["time_s"] - since < 3.0
+    assert abs(call["loss"] - 0.1) < 3 * call["loss_sd"]
