@@ -29,6 +29,7 @@ KEYS = (
     "battery_Wh",
     "attitude_loop",
     "rotors",
+    "sources",  # of the owner's numbers; the world's are the file's
 )
 ROTOR_KEYS = ("number", "position_m", "spin", "level", "pair", "axis")
 

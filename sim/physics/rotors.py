@@ -11,7 +11,9 @@ from sim.errors import WorldError
 from sim.physics.bemt import bemt_pair
 from sim.physics.pair import ORDER, Pair
 
-KEYS = ("form", "speed_max_rpm", "upper", "lower", "blades", "effects", "identified")
+KEYS = (
+    "form", "speed_max_rpm", "rotation", "upper", "lower", "blades", "effects", "identified", "sources"
+)  # fmt: skip
 SURFACES = (("upper", "thrust_N"), ("upper", "torque_Nm"), ("lower", "thrust_N"), ("lower", "torque_Nm"))
 
 

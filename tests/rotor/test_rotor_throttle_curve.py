@@ -12,6 +12,8 @@ from coaxlink.rotor.identification import identify
 from coaxlink.rotor.stand_data import normalised_speeds
 from coaxlink.rotor.throttle_curve import throttle_curve
 from coaxlink.vehicle import load_vehicle
+from sim.physics.rotors import read_pair
+from sim.vehicle import read_vehicle
 
 
 def stand(top, law, noise=5.0):
@@ -73,6 +75,14 @@ def test_a_flight_is_predicted_by_the_curve(bent):
     vehicle = load_vehicle(example("x8_paper.toml"), bent)
     turned = vehicle.airframe.turned(vehicle.rotors, np.full(8, 0.5))
     assert turned == pytest.approx(np.full(8, esc(0.5)), abs=2e-3)
+
+
+def test_the_world_flies_the_files_that_init_and_identify_write(bent, tmp_path):
+    body = tmp_path / "x8.toml"
+    text = example("x8_paper.toml").read_text()
+    body.write_text(text + '\n[sources]\nmass_kg = "measured"\n')
+    assert read_vehicle(body).rotors == 8
+    assert read_pair(bent).speed_max_rpm == pytest.approx(5000, rel=0.01)
 
 
 @pytest.mark.parametrize(
