@@ -115,7 +115,7 @@ def test_a_table_that_changed_within_a_log_is_no_change_of_the_vehicle(board: Px
     done = coaxlink("refine", str(log), "--airframe", str(AIRFRAME), "--json", str(out), fails=True)
     found = json.loads(out.read_text())
     sys.stdout.write(f"\nexit {done.returncode}: {done.stdout}{done.stderr}")
-    assert not found["effects"] and "(THR_MDL_FAC 1 to 0.726118)" in done.stdout
+    assert not found["effects"] and "(THR_MDL_FAC 1 to 0.726118)" in done.stderr
 
 
 def held_to_realise(pulses: np.ndarray, tables: Path) -> None:
