@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,10 +60,8 @@ class FlightFrame:
     rounding: Array = field(default_factory=lambda: np.zeros(6))  # (6,) noise of coarse sensor readings
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Array] = field(default_factory=dict)
-    # what an effect added last, by its function and shape; a changed frame starts without
-    last_columns: list[tuple[object, Mapping[str, float], Array]] = field(
-        default_factory=list, init=False, repr=False, compare=False
-    )
+    # what effects worked out last; a changed frame starts without
+    memo: dict[object, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def weight(self) -> float:
@@ -124,9 +123,7 @@ class StandFrame:
     keep: NDArray[np.intp]
     notes: tuple[str, ...] = ()
     # as a flight's
-    last_columns: list[tuple[object, Mapping[str, float], Array]] = field(
-        default_factory=list, init=False, repr=False, compare=False
-    )
+    memo: dict[object, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def context(self, name: str) -> Array | None:
         """A recorded column, or None."""

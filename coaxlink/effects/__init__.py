@@ -12,12 +12,13 @@ from contextlib import contextmanager
 
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
 from coaxlink.effects.static import Conditions, LeftOut
-from coaxlink.effects.tracing import Tracing
+from coaxlink.effects.tracing import NotShown, Tracing
 from coaxlink.frames import FlightFrame, StandFrame
 
 __all__ = [
     "Conditions",
     "LeftOut",
+    "NotShown",
     "Parameter",
     "PhysicalEffect",
     "Stage",

@@ -6,7 +6,7 @@ Reynolds number too. Either is written about the density at which the nuisance m
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -22,7 +22,7 @@ from coaxlink.constants import (
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import MOST, LiveView, Part, nothing
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.signals import without_row_noise
 
@@ -67,11 +67,11 @@ def density_of(pressure_Pa: ArrayLike, temperature_C: ArrayLike) -> Array:
     return np.asarray(np.asarray(pressure_Pa, float) / (GAS_CONSTANT_J_KG_K * kelvin))
 
 
-def load_gains(p: Numbers, density: float) -> tuple[float, float]:
+def load_gains(p: Numbers, density: ArrayLike) -> tuple[Array, Array]:
     """Thrust and torque over those at the density where the nuisance model holds."""
-    over = (1.0 + p.get("over", 0.0)) * (density / p["reference_density_kg_m3"] - 1.0)
+    over = (1.0 + p.get("over", 0.0)) * (np.asarray(density) / p["reference_density_kg_m3"] - 1.0)
     thrust = p["density_exponent"]
-    return 1.0 + thrust * over, 1.0 + p.get("torque_exponent", thrust) * over
+    return np.asarray(1.0 + thrust * over), np.asarray(1.0 + p.get("torque_exponent", thrust) * over)
 
 
 def _no_air(frame: StandFrame) -> str | None:
@@ -85,64 +85,44 @@ def _no_air(frame: StandFrame) -> str | None:
     return None if spread > 0.004 else f"the air's density moves by only {100 * spread:.1f} %"
 
 
-def _air_columns(frame: StandFrame, shape: Shape) -> Array:
-    """Thrust and torque alike, or, `apart`, each by its own power: profile drag has a Reynolds number too."""
+def _starts(frame: StandFrame) -> Sequence[Numbers]:
+    if why := _no_air(frame):
+        raise NotShown(why)
+    places: Sequence[Numbers] = [{}] if frame.free_nuisance else [{"over": o} for o in OVER]
+    return [{"density_exponent": 1.0, **place} for place in places]
+
+
+def _further(_: StandFrame, p: Numbers) -> Sequence[Numbers]:
+    """Torque by a power of its own: profile drag has a Reynolds number too."""
+    return [] if "torque_exponent" in p else [{**p, "torque_exponent": p["density_exponent"]}]
+
+
+def _known_density(frame: StandFrame) -> Array:
     rho = density(frame)
     assert rho is not None
-    change = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0 - shape.get("over", 0.0))[:, None]
-    out = np.zeros((len(frame.time_s), 6, 2 if "apart" in shape else 1))
-    out[:, :4:2, 0] = change[:, ::2]
-    out[:, 1:4:2, -1] = change[:, 1::2]
+    return rho
+
+
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    out = np.zeros((len(frame.time_s), 6))
+    for k, gain in enumerate(load_gains(p, _known_density(frame))):
+        out[:, k:4:2] = frame.predicted[:, k:4:2] * (gain - 1.0)[:, None]
     return out
 
 
-def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
-    rho = density(frame)
-    assert rho is not None
-    return "air density, kg/m3", rho
-
-
-def _air_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
-    rho = density(frame)
-    assert rho is not None
-    torque = {"torque_exponent": float(c[1])} if "apart" in shape else {}
-    # where the nuisance model holds
-    reference = float(np.median(rho)) * (1.0 + shape.get("over", 0.0))
-    return {"density_exponent": float(c[0]), **torque, **shape, "reference_density_kg_m3": reference}
-
-
-def _air_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    names = ("density_exponent", "torque_exponent") if "apart" in p else ("density_exponent",)
-    return {k: p[k] for k in ("apart", "over") if k in p}, np.array([p[k] for k in names])
-
-
-def _air_refuse(p: Mapping[str, float]) -> str | None:
-    return outside("density_exponent", p["density_exponent"], 0.3, 1.8) or outside(
-        "torque_exponent", p.get("torque_exponent", 1.0), 0.3, 1.8
-    )
+def _reference(frame: StandFrame, p: Numbers) -> float:
+    """Where the nuisance model holds."""
+    return float(np.median(_known_density(frame))) * (1.0 + p.get("over", 0.0))
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="air_density",
-    stage=6,
-    physics="thrust and torque are proportional to the density of the air",
-    source="blade element theory; ideal gas",
     needs=("air_temperature_C", "air_pressure_Pa"),
     channels=STAND_LOADS,
-    units={"density_exponent": "1", "torque_exponent": "1", "apart": "1", "over": "1",
-           "reference_density_kg_m3": "kg/m3"},
-    missing=_no_air,
-    shapes=lambda frame: [{}] if frame.free_nuisance else [{"over": o} for o in OVER],
-    columns=_air_columns,
-    parameters=_air_parameters,
-    inverse=_air_inverse,
-    refuse=_air_refuse,
-    cause=_air_cause,
-    free=lambda _, shape: {"over": (-0.25, 0.25)} if "over" in shape else {},
-    variants=lambda _, shape, c: (
-        [] if "apart" in shape else [({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
-    ),
-)  # fmt: skip
+    starts=_starts,
+    further=_further,
+    adds=_adds,
+    cause=lambda frame, *_: ("air density, kg/m3", _known_density(frame)),
+)
 
 
 def _static(vehicle: StaticVehicle, p: Numbers) -> str:
@@ -154,7 +134,7 @@ def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     thrust, torque = load_gains(p, rho)
     vehicle.thrust *= thrust
     vehicle.torque *= torque
-    return f"thrust {100 * (thrust - 1):+.1f} % in air of {rho:.3f} kg/m3"
+    return f"thrust {100 * float(thrust - 1.0):+.1f} % in air of {rho:.3f} kg/m3"
 
 
 def _live(view: LiveView, p: Numbers) -> Part:
@@ -168,8 +148,8 @@ def _live(view: LiveView, p: Numbers) -> Part:
             return nothing()
         if not (PRESSURE_PA[0] < pressure < PRESSURE_PA[1] and AIR_C[0] < celsius < AIR_C[1]):
             return nothing()
-        gains = load_gains(p, float(density_of(pressure, celsius)))
-        more = [min(max(gain - 1.0, -MOST), MOST) for gain in gains]
+        gains = load_gains(p, density_of(pressure, celsius))
+        more = [min(max(float(gain) - 1.0, -MOST), MOST) for gain in gains]
         thrust, torque = view.loads(speeds)
         return view.wrench_of(more[0] * thrust, more[1] * torque)
 
@@ -185,15 +165,15 @@ _NEEDS_DENSITY = (
 EFFECT = PhysicalEffect(
     name="air_density",
     stage=Stage.AIR,
+    physics="thrust and torque are proportional to the density of the air",
+    source="blade element theory; ideal gas",
     parameters=(
-        Parameter("density_exponent", "1", 0.3, 1.8, (1.0, 0.1),
-            source="blade element theory: 1; 0.1 is assumed for what Reynolds number does"),
-        Parameter("torque_exponent", "1", 0.3, 1.8, (1.0, 0.1),
-            source="blade element theory: 1; 0.1 is assumed for what Reynolds number does"),
-        Parameter("apart", "1", 0.0, 1.0, source="a switch, 0 or 1: torque goes by a power of its own"),
-        Parameter("over", "1", -0.25, 0.25, (0.0, 0.1),
+        *(Parameter(name, "1", 0.3, 1.8, (1.0, 0.1), amount=True,
+            source="blade element theory: 1; 0.1 is assumed for what Reynolds number does")
+          for name in ("density_exponent", "torque_exponent")),
+        Parameter("over", "1", -0.25, 0.25, (0.0, 0.1), moves=True,
             source="standard atmosphere: 1000 m of height or 30 K between the stand and the log are 10 %"),
-        Parameter("reference_density_kg_m3", "kg/m3", 0.3, 1.8, (1.2, 0.1),
+        Parameter("reference_density_kg_m3", "kg/m3", 0.3, 1.8, (1.2, 0.1), follows=_reference,
             source="standard atmosphere (ISO 2533): 1.1 to 1.3 from 0 to 1000 m and from 0 to 35 C"),
     ),
     stand=STAND,

@@ -8,7 +8,7 @@ r / (1 + a |r|) + b r^2 is that, to second order, for climb and descent.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import MOST, LiveView, Part, nothing
 from coaxlink.effects.static import LeftOut, Loads, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import FlightFrame
 from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 
-LEVELLING_S_M = (0.0, 0.3)  # at full speed
 LEAST_SPEED = 0.1
 
 
@@ -38,14 +37,14 @@ def _missing(frame: FlightFrame) -> str | None:
     return None if climb > 0.15 else f"never climbs or sinks faster than {climb:.2f} m/s"
 
 
-def slopes(shape: Shape, climb_m_s: ArrayLike, speed: ArrayLike, share: ArrayLike) -> tuple[Array, Array]:
+def slopes(p: Numbers, climb_m_s: ArrayLike, speed: ArrayLike, share: ArrayLike) -> tuple[Array, Array]:
     """Thrust lost by unit coefficients, in proportion to the climb along the axis and to its square.
 
     T = u^2 f(V / u): what bends does so with the inflow's ratio. All arguments broadcast; `share` is a
     rotor's thrust over speed squared over the usual rotor's, where the loss goes by thrust, else 1.
     """
     climb, u = np.asarray(climb_m_s, float), np.maximum(np.asarray(speed, float), LEAST_SPEED)
-    first = share * u * climb / (1.0 + shape.get("levelling_s_m", 0.0) * np.abs(climb) / u)
+    first = share * u * climb / (1.0 + p.get("levelling_s_m", 0.0) * np.abs(climb) / u)
     return np.asarray(first), np.asarray(share * climb**2)
 
 
@@ -63,57 +62,29 @@ def climb_loss(p: Numbers, climb_m_s: ArrayLike, speed: ArrayLike, lift: ArrayLi
     )
 
 
-def _loss(frame: FlightFrame, shape: Shape) -> Array:
-    """(rows, N, K) thrust lost by unit coefficients, N."""
-    climb, u = hub_climb(frame), np.maximum(frame.speeds, LEAST_SPEED)
-    share = np.ones_like(u)
-    if "by_thrust" in shape:  # a rotor in another's wake has less thrust to lose
-        share = frame.thrust / u**2
-        share = share / max(float(np.median(share[frame.keep])), 1e-9)
-    first, second = slopes(shape, climb, u, share)
-    return np.stack([first, second] if "quadratic" in shape else [first], axis=-1)
+def _starts(frame: FlightFrame) -> Sequence[Numbers]:
+    if why := _missing(frame):
+        raise NotShown(why)
+    return [{"thrust_per_climb_N_s_m": 1.0}, {"thrust_per_climb_N_s_m": 1.0, "by_thrust": 1.0}]
 
 
-def _columns(frame: FlightFrame, shape: Shape) -> Array:
-    loss = -_loss(frame, shape)
-    none = np.zeros_like(frame.thrust)
-    pieces = [frame.airframe.body_loads(loss[..., k], none) for k in range(loss.shape[-1])]
-    return np.stack(pieces, axis=-1)
+def _changes(frame: FlightFrame, p: Numbers) -> FlightFrame:
+    lift = frame.thrust / np.maximum(frame.speeds, LEAST_SPEED) ** 2
+    usual = max(float(np.median(lift[frame.keep])), 1e-9) if "by_thrust" in p else 1.0
+    lost = climb_loss(p, hub_climb(frame), frame.speeds, frame.thrust, usual)
+    return frame.pulling(frame.thrust - lost, frame.torque)
 
 
-def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    bend = {"thrust_per_climb_squared_N_s2_m2": float(c[1])} if "quadratic" in shape else {}
-    rest = {k: v for k, v in shape.items() if k != "quadratic"}
-    return {"thrust_per_climb_N_s_m": float(c[0]), **bend, **rest}
+def _further(_: FlightFrame, p: Numbers) -> Sequence[Numbers]:
+    """By speed or by thrust, whichever it is not; either with a bend."""
+    plain = {"thrust_per_climb_N_s_m": p["thrust_per_climb_N_s_m"]}
+    other = {**plain, "by_thrust": 1.0}
+    forms = (other, plain) if "by_thrust" in p else (plain, other)
+    bends = ({"thrust_per_climb_squared_N_s2_m2": 0.0}, {"levelling_s_m": 0.03})
+    return [forms[1], *({**form, **bend} for bend in bends for form in forms)]
 
 
-def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k in ("by_thrust", "levelling_s_m")}
-    c = [p["thrust_per_climb_N_s_m"]]
-    if "thrust_per_climb_squared_N_s2_m2" in p:
-        shape["quadratic"] = 1.0
-        c.append(p["thrust_per_climb_squared_N_s2_m2"])
-    return shape, np.array(c)
-
-
-def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
-    shape, c = _inverse(frame, p)
-    return frame.pulling(frame.thrust - _loss(frame, shape) @ c, frame.torque)
-
-
-def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    start = np.array([c[0], 0.0])
-    mine: Shape = {k: v for k, v in shape.items() if k == "by_thrust"}
-    other: Shape = {} if mine else {"by_thrust": 1.0}
-    forms = [mine, other]
-    return [
-        (other, c[:1]),
-        *(({**form, "quadratic": 1.0}, start) for form in forms),
-        *(({**form, "levelling_s_m": 0.03}, c[:1]) for form in forms),
-    ]
-
-
-def _cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
+def _cause(frame: FlightFrame, _: Numbers, channel: str) -> tuple[str, Array]:
     if channel in ("torque_x", "torque_y"):
         axis = channel[-1]
         return f"rate_{axis}_rad_s", frame.rates[:, "xy".index(axis)]
@@ -121,29 +92,12 @@ def _cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
 
 
 FLIGHT: Tracing[FlightFrame] = Tracing(
-    name="axial_inflow",
-    physics="thrust falls with the hub's speed along its axis: dT = -c u V",
-    source="blade element theory in axial flight (Leishman 2006)",
     needs=("vel_d_m_s", "roll_rad", "pitch_rad", "yaw_rad"),
     channels=("force_z", "torque_x", "torque_y"),
-    units={
-        "thrust_per_climb_N_s_m": "N s/m",
-        "thrust_per_climb_squared_N_s2_m2": "N s2/m2",
-        "levelling_s_m": "s/m",
-        "by_thrust": "1",
-    },
-    missing=_missing,
-    shapes=lambda _: [{}, {"by_thrust": 1.0}],
-    columns=_columns,
-    parameters=_parameters,
-    inverse=_inverse,
-    refuse=lambda p: outside("thrust_per_climb_N_s_m", p["thrust_per_climb_N_s_m"], 0.0, 30.0, "N s/m"),
+    starts=_starts,
+    further=_further,
+    changes=_changes,
     cause=_cause,
-    nil=lambda _: {"thrust_per_climb_N_s_m": 0.0},
-    stage=3,
-    apply=_apply,
-    free=lambda _, shape: {"levelling_s_m": LEVELLING_S_M} if "levelling_s_m" in shape else {},
-    variants=_variants,
 )
 
 
@@ -187,14 +141,16 @@ _NEEDS_CLIMB = (
 EFFECT = PhysicalEffect(
     name="axial_inflow",
     stage=Stage.AIR,
+    physics="thrust falls with the hub's speed along its axis: dT = -c u V",
+    source="blade element theory in axial flight (Leishman 2006)",
     parameters=(
-        Parameter("thrust_per_climb_N_s_m", "N s/m", 0.0, 30.0, (2.0, 2.0),
+        Parameter("thrust_per_climb_N_s_m", "N s/m", 0.0, 30.0, (2.0, 2.0), amount=True, nil=0.0,
             source="blade element theory (Leishman 2006, ch. 3): per cents of the lift for 1 m/s; 2 N of "
                    "50 N assumed"),
-        Parameter("thrust_per_climb_squared_N_s2_m2", "N s2/m2", -30.0, 30.0, (0.0, 0.5),
+        Parameter("thrust_per_climb_squared_N_s2_m2", "N s2/m2", -30.0, 30.0, (0.0, 0.5), amount=True,
             source="momentum theory (Leishman 2006, ch. 2): of second order; a quarter of the first is "
                    "assumed"),
-        Parameter("levelling_s_m", "s/m", *LEVELLING_S_M,
+        Parameter("levelling_s_m", "s/m", 0.0, 0.3, moves=True,
             source="wide: any value between the bounds; the share of climb in the inflow goes with disc "
                    "loading"),
         Parameter("by_thrust", "1", 0.0, 1.0,

@@ -8,48 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 
 from coaxlink.effects.live import LiveView, Part, SpeedPart
+from coaxlink.effects.parameter import Described, Numbers, Parameter, Stage
 from coaxlink.effects.static import StaticVehicle
 from coaxlink.effects.tracing import Tracing
 from coaxlink.errors import InputError
 from coaxlink.frames import FlightFrame, StandFrame
 
-Numbers = Mapping[str, float]
+__all__ = ["FORMERLY", "Numbers", "Parameter", "PhysicalEffect", "Stage"]
+
+# switches that rotor files of earlier versions have; their other numbers say as much
+FORMERLY = frozenset({"alike", "amplifier", "apart", "beside_drag", "both", "command", "creep", "each"})
+FORMERLY |= {"magnets", "room", "span", "whole"}
 
 
-class Stage(Enum):
-    """Where in the chain from command to column an effect acts."""
-
-    DRIVE = "drive"  # command -> rotor speed
-    ROTOR = "rotor"  # rotor speed -> loads of the pair
-    AIR = "air"  # what the air around does to the loads
-    BODY = "body"  # loads -> motion of the vehicle
-    STAND = "stand"  # loads -> what the stand holds
-    INSTRUMENT = "instrument"  # what is there -> what is recorded
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect: its unit ("1" for none), the bounds that physics sets, and what is believed.
-
-    `prior` is what is believed before any data: (mean, standard deviation) of a sound vehicle that has the
-    effect; None where any value between the bounds is as likely. `source` says where prior and bounds are
-    from: a paper, a law of physics, "assumed: ..." with the reasoning, or, without a prior, "wide: ..." with
-    the reason why nothing is known, "a switch, ..." for a form, "a number of ..." for a label.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    prior: tuple[float, float] | None = None
-    source: str = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class PhysicalEffect:
+@dataclass(frozen=True, eq=False)
+class PhysicalEffect(Described):
     """An effect and everything that is made of it.
 
     `static` puts it into a vehicle at stated conditions and says in words what it did, or raises LeftOut;
@@ -57,9 +32,6 @@ class PhysicalEffect:
     Where one of them is None, `no_static` and `no_live` say why.
     """
 
-    name: str
-    stage: Stage
-    parameters: tuple[Parameter, ...]
     flight: Tracing[FlightFrame] | None = None
     stand: Tracing[StandFrame] | None = None
     static: Callable[[StaticVehicle, Numbers], str] | None = None
@@ -70,6 +42,11 @@ class PhysicalEffect:
     surface: int | None = None  # its place among those that change the rotors' own surfaces
     no_static: str = ""
     no_live: str = ""
+
+    def __post_init__(self) -> None:
+        for tracing in (self.flight, self.stand):
+            if tracing is not None:
+                object.__setattr__(tracing, "effect", self)
 
     def check(self, numbers: Numbers) -> None:
         """Raise InputError when a number that mixing needs is missing or out of what physics allows."""
@@ -89,25 +66,3 @@ class PhysicalEffect:
     def is_live(self) -> bool:
         """Whether live mixing can measure and compensate it."""
         return self.live is not None or self.live_speed is not None
-
-    @property
-    def words(self) -> str:
-        """What happens, in a sentence."""
-        return self._traced.physics
-
-    @property
-    def source(self) -> str:
-        """Where the formula is from."""
-        return self._traced.source
-
-    @property
-    def _traced(self) -> Tracing[FlightFrame] | Tracing[StandFrame]:
-        traced = self.flight or self.stand
-        if traced is None:
-            raise ValueError(f"{self.name} can be traced neither in flight nor on a stand")
-        return traced
-
-    @property
-    def units(self) -> dict[str, str]:
-        """{parameter: unit}."""
-        return {p.name: p.unit for p in self.parameters}

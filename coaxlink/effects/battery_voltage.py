@@ -7,19 +7,18 @@ speed-governing ESC), so that the loads change by k (V / V_ref - 1) u dL/du.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import LOAD, drive, load_variants, loaded, turn, turning
+from coaxlink.effects.drive import LOAD, drive, load_further, loaded, turn, turning
 from coaxlink.effects.live import LiveView, SpeedPart
+from coaxlink.effects.parameter import Linear, per
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
-
-REFERENCE = (0.5, 1.6)  # of the logged median: where a model's voltage may lie
 
 
 def speed_factor(p: Numbers, voltage_V: ArrayLike) -> Array:
@@ -36,23 +35,9 @@ def _share(ratio: Array, power: float) -> Array:
     return np.asarray((ratio**power - 1.0) / power)
 
 
-def speed_sensitivity(frame: FlightFrame, relative: Array) -> Array:
-    """(rows, 6) change of the body loads when every rotor's speed changes by the share `relative`."""
-    step = 1e-3
-    up = frame.airframe.loads(frame.model, frame.speeds * (1.0 + step))
-    down = frame.airframe.loads(frame.model, frame.speeds * (1.0 - step))
-    thrust, torque = ((a - b) / (2.0 * step) for a, b in zip(up, down, strict=True))
-    weight = relative if relative.ndim == 2 else relative[:, None]
-    return frame.airframe.body_loads(thrust * weight, torque * weight)
-
-
 def _voltage(frame: FlightFrame) -> Array:
     assert frame.voltage is not None
     return frame.voltage
-
-
-def _centre(frame: FlightFrame) -> float:
-    return float(np.median(_voltage(frame)[frame.keep]))
 
 
 def _missing(frame: FlightFrame) -> str | None:
@@ -60,44 +45,22 @@ def _missing(frame: FlightFrame) -> str | None:
         return (
             "voltage_V is not in the log: a sagging battery cannot be distinguished from a change of thrust"
         )
-    spread = np.ptp(frame.voltage[frame.keep]) / max(_centre(frame), 1e-6)
+    spread = np.ptp(frame.voltage[frame.keep]) / max(_usual(frame), 1e-6)
     return None if spread > 0.01 else f"voltage_V moves by only {100 * spread:.1f} %"
 
 
-def _columns(frame: FlightFrame, _: Shape) -> Array:
-    v, centre = _voltage(frame), _centre(frame)
-    # the second column frees the reference voltage, which the stand's supply need not have shared
-    return np.stack(
-        [speed_sensitivity(frame, v / centre - 1.0), speed_sensitivity(frame, np.ones_like(v))], axis=-1
-    )
+def _flight_starts(frame: FlightFrame) -> Sequence[Numbers]:
+    if why := _missing(frame):
+        raise NotShown(why)
+    return [{"speed_exponent": 1.0, "reference_voltage_V": _usual(frame)}]
 
 
-def _parameters(frame: FlightFrame, _: Shape, c: Array) -> dict[str, float]:
-    # k (V / V_ref - 1) = c0 (V / centre - 1) + c1
-    centre = _centre(frame)
-    over = 1.0 - c[1] / c[0] if abs(c[0]) > 1e-9 else 1.0
-    over = float(np.clip(over, *REFERENCE))
-    return {"speed_exponent": float(c[0] * over), "reference_voltage_V": centre * over, "over_logged": over}
-
-
-def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    centre, reference, k = _centre(frame), p["reference_voltage_V"], p["speed_exponent"]
-    return {}, np.array([k * centre / reference, k * (centre / reference - 1.0)])
-
-
-def _refuse(p: Mapping[str, float]) -> str | None:
-    # a reference that no pack of this log had would only be another name for more or less thrust
-    low, high = (1.0 + 0.8 * (limit - 1.0) for limit in REFERENCE)
-    return outside("speed_exponent", p["speed_exponent"], 0.02, 2.0) or outside(
-        "reference_voltage_V over the logged", p.get("over_logged", 1.0), low, high
-    )
-
-
-def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+def _changes(frame: FlightFrame, p: Numbers) -> FlightFrame:
+    ratio = np.maximum(_voltage(frame), 1e-3)[:, None]
     if "cap" in p:
-        ratio = (_voltage(frame) / p["reference_voltage_V"])[:, None]
-        return frame.turning_at(frame.speeds - p["speed_exponent"] * lost_to_cap(p, frame.speeds, ratio))
-    return frame.turning_at(frame.speeds * speed_factor(p, np.maximum(_voltage(frame), 1e-3))[:, None])
+        lost = lost_to_cap(p, frame.speeds, ratio / p["reference_voltage_V"])
+        return frame.turning_at(frame.speeds - p["speed_exponent"] * lost)
+    return frame.turning_at(frame.speeds * speed_factor(p, ratio))
 
 
 def voltages(frame: StandFrame) -> Array | None:
@@ -123,14 +86,7 @@ def _no_voltage(frame: StandFrame) -> str | None:
     return None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %"
 
 
-# Starts and bounds of the fit, judgement: governors run out of volts between 40 % of full speed and never.
-GOVERNED = {"cap": (0.4, 1.5), "soft": (0.002, 0.15), "reach": (0.2, 3.0)}
-CAPS, SOFT = (0.75, 0.85, 0.95, 1.05), 0.03  # of normalised speed, at the usual voltage
-
-
-def governed_shapes(_: StandFrame) -> Sequence[Shape]:
-    """A governor holds the speed until its duty cycle is full; from there on speed goes with the supply."""
-    return [{"cap": cap, "soft": SOFT, "reach": 1.0} for cap in CAPS]
+POWERS, CAPS, SOFT = (0.4, 0.7, 1.0), (0.75, 0.85, 0.95, 1.05), 0.03  # starts; of normalised speed
 
 
 def lost_to_cap(p: Numbers, command: ArrayLike, ratio: ArrayLike) -> Array:
@@ -139,91 +95,79 @@ def lost_to_cap(p: Numbers, command: ArrayLike, ratio: ArrayLike) -> Array:
     return np.asarray(p["soft"] * np.logaddexp(0.0, over / p["soft"]))
 
 
-def _voltage_columns(frame: StandFrame, shape: Shape) -> Array:
-    v = voltages(frame)
+def _starts(frame: StandFrame) -> Sequence[Numbers]:
+    """By a power of the voltage; or a governor holds the speed until its duty cycle is full."""
+    if why := _no_voltage(frame):
+        raise NotShown(why)
+    # the voltage at which a given model holds need not be this run's
+    reference = {} if frame.free_nuisance else {"reference_voltage_V": _usual(frame)}
+    return [
+        *({"speed_exponent": 1.0, **reference, "power": power} for power in POWERS),
+        *({"speed_exponent": 1.0, "cap": cap, "soft": SOFT, "reach": 1.0} for cap in CAPS),
+    ]
+
+
+def _further(_: StandFrame, p: Numbers) -> Sequence[Numbers]:
+    return [] if "cap" in p else load_further(p)
+
+
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    v, u = voltages(frame), drive(frame)
     assert v is not None
-    u, centre = drive(frame), float(np.median(v))
-    if "cap" in shape:
-        return frame.slowed(-lost_to_cap(shape, u, v / centre))[..., None]
-    power = shape["power"]
-    columns = [frame.slowed(loaded(u, shape) * _share(v / centre, power))]
-    if not frame.free_nuisance:
-        columns.append(frame.slowed(u))  # the voltage at which the model holds need not be this run's
-    return np.stack(columns, axis=-1)
-
-
-def _voltage_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
-    v = voltages(frame)
-    assert v is not None
-    centre = float(np.median(v))
-    if "cap" in shape:
-        return {"speed_exponent": float(c[0]), "reference_voltage_V": centre, **shape}
-    level = float(c[1]) if len(c) > 1 else 0.0
-    reference = centre * (1.0 - level / c[0]) if abs(c[0]) > 1e-9 else centre
-    return {"speed_exponent": float(c[0]), "reference_voltage_V": float(reference), **shape}
-
-
-def _voltage_inverse(frame: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    v = voltages(frame)
-    assert v is not None
-    k, centre = p["speed_exponent"], float(np.median(v))
     if "cap" in p:
-        return {name: p[name] for name in GOVERNED}, np.array([k])
-    level = k * (1.0 - p["reference_voltage_V"] / centre)
-    shape = {name: p[name] for name in ("power", "load") if name in p}
-    return shape, np.array([k] if frame.free_nuisance else [k, level])
+        lost = lost_to_cap(p, u, v / p["reference_voltage_V"])
+        return frame.slowed(-p["speed_exponent"] * lost)
+    return frame.slowed(loaded(u, p) * (speed_factor({"power": 1.0, **p}, v) - 1.0))
 
 
-def _voltage_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    if "cap" in shape:
-        return GOVERNED
-    return {"power": (0.2, 4.0)} | ({"load": LOAD} if "load" in shape else {})
+def _usual(frame: FlightFrame | StandFrame) -> float:
+    """The log's median voltage."""
+    if _usual not in frame.memo:  # a fit asks for it at every step
+        v = _voltage(frame)[frame.keep] if isinstance(frame, FlightFrame) else voltages(frame)
+        assert v is not None
+        frame.memo[_usual] = float(np.median(v))
+    return float(frame.memo[_usual])
 
 
-def _voltage_cause(frame: StandFrame, _: Shape, channel: str) -> tuple[str, Array]:
+def _reference(frame: FlightFrame | StandFrame, p: Numbers, per_unit: float) -> float:
+    """The voltage at which the model holds; one that no pack of this log had would be no voltage."""
+    usual = _usual(frame)
+    return float(np.clip(BY_EXPONENT.value(frame, p, per_unit), 0.5 * usual, 1.6 * usual))
+
+
+def _as_logged(frame: FlightFrame | StandFrame, p: Numbers) -> float | None:
+    """The reference voltage where a stand's nuisance model holds at this log's, or a governor at its own."""
+    fitted = isinstance(frame, FlightFrame) or not (frame.free_nuisance or "cap" in p)
+    return None if fitted else _usual(frame)
+
+
+def _over_logged(frame: FlightFrame | StandFrame, p: Numbers) -> float | None:
+    return p["reference_voltage_V"] / _usual(frame) if isinstance(frame, FlightFrame) else None
+
+
+BY_EXPONENT = per("speed_exponent", origin=_usual)
+
+
+def _cause(frame: StandFrame, _: Numbers, channel: str) -> tuple[str, Array]:
     v = voltages(frame)
     assert v is not None
     return "voltage_V", v[:, 1 if channel.startswith("lower") else 0]
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="battery_voltage",
-    stage=1,
-    physics="rotor speed follows the supply voltage: u = throttle (V / V_ref)^k",
-    source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     needs=("voltage_V",),
     channels=STAND_CHANNELS,
-    units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1", "load": "1"}
-    | dict.fromkeys(GOVERNED, "1"),
-    missing=_no_voltage,
-    shapes=lambda frame: [*({"power": p} for p in (0.4, 0.7, 1.0)), *governed_shapes(frame)],
-    columns=_voltage_columns,
-    parameters=_voltage_parameters,
-    inverse=_voltage_inverse,
-    refuse=lambda p: outside("speed_exponent", p["speed_exponent"], 0.02, 2.5),
-    cause=_voltage_cause,
-    free=_voltage_free,
-    variants=lambda frame, shape, c: [] if "cap" in shape else load_variants(frame, shape, c),
+    starts=_starts,
+    further=_further,
+    adds=_adds,
+    cause=_cause,
 )
-
-
 FLIGHT: Tracing[FlightFrame] = Tracing(
-    name="battery_voltage",
-    physics="rotor speed follows the supply voltage: u = u_cmd (V / V_ref)^k",
-    source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     needs=("voltage_V",),
     channels=("force_z", "torque_x", "torque_y", "torque_z"),
-    units={"speed_exponent": "1", "reference_voltage_V": "V", "over_logged": "1"},
-    missing=_missing,
-    shapes=one_shape,
-    columns=_columns,
-    parameters=_parameters,
-    inverse=_inverse,
-    refuse=_refuse,
-    cause=lambda frame, _, channel: ("voltage_V", _voltage(frame)),
-    nil=lambda _: {"speed_exponent": 0.0},
-    stage=1,
-    apply=_apply,
+    starts=_flight_starts,
+    changes=_changes,
+    cause=lambda frame, *_: ("voltage_V", _voltage(frame)),
 )
 
 
@@ -260,29 +204,31 @@ _NEEDS_VOLTAGE = (
 EFFECT = PhysicalEffect(
     name="battery_voltage",
     stage=Stage.DRIVE,
+    place=1,
+    physics="rotor speed follows the supply voltage: u = u_cmd (V / V_ref)^k",
+    source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     parameters=(
-        Parameter("speed_exponent", "1", 0.02, 2.5, (1.0, 0.4),
+        Parameter("speed_exponent", "1", 0.02, 2.5, (1.0, 0.4), amount=True, nil=0.0,
             source="Drela 2007: 1 without load and open loop, less under load, 0 with a governor"),
-        Parameter("reference_voltage_V", "V", 1.0, 1000.0,
+        Parameter("reference_voltage_V", "V", 1.0, 1000.0, follows=_as_logged,
+            amount=Linear(BY_EXPONENT.amount, _reference),
             source="wide: any value between the bounds; cells in series are the builder's choice"),
-        Parameter("power", "1", 0.2, 4.0,
+        Parameter("power", "1", 0.2, 4.0, moves=True,
             source="wide: any value between the bounds; a loaded motor's speed bends with the voltage by "
                    "its own resistance"),
-        Parameter("load", "1", *LOAD,
-            source="wide: any value between the bounds; how resistance and load share the fall of speed "
-                   "goes with the motor"),
-        Parameter("cap", "1", *GOVERNED["cap"],
+        LOAD,
+        Parameter("cap", "1", 0.4, 1.5, moves=True,
             source="wide: any value between the bounds; speed over full speed that a governor holds at the "
                    "usual voltage goes with the motor's Kv"),
-        Parameter("soft", "1", *GOVERNED["soft"],
+        Parameter("soft", "1", 0.002, 0.15, moves=True,
             source="wide: any value between the bounds; how gradually a full duty cycle is felt goes with "
                    "the controller"),
-        Parameter("reach", "1", *GOVERNED["reach"],
+        Parameter("reach", "1", 0.2, 3.0, moves=True,
             source="wide: any value between the bounds; 1 where speed goes with the supply, more where its "
                    "current makes it sag"),
-        Parameter("over_logged", "1", *REFERENCE,
-            source="wide: any value between the bounds; a model may be of a full pack and a log of an "
-                   "empty one"),
+        Parameter("over_logged", "1", 0.6, 1.48, follows=_over_logged,
+            source="wide: any value between the bounds; beyond, no pack of this log: another name for more "
+                   "or less thrust"),
     ),
     flight=FLIGHT,
     stand=STAND,

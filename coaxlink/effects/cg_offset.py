@@ -6,16 +6,16 @@ is where it really is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import LiveView, Part
-from coaxlink.effects.onset import COMES, OVER, onset_limits, since
+from coaxlink.effects.onset import ONSET, since
 from coaxlink.effects.static import StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside, present
+from coaxlink.effects.tracing import Array, Tracing
 from coaxlink.frames import FlightFrame
 
 
@@ -24,38 +24,19 @@ def moment(x_m: float, y_m: float, force: Array) -> Array:
     return -np.cross([x_m, y_m, 0.0], force)
 
 
-def _columns(frame: FlightFrame, shape: Shape) -> Array:
-    out = np.zeros((len(frame.predicted), 6, 2))
-    for k, (x, y) in enumerate(np.eye(2)):
-        out[:, 3:, k] = moment(x, y, frame.predicted[:, :3]) * since(frame, shape)[:, None]
+def _adds(frame: FlightFrame, p: Numbers) -> Array:
+    out = np.zeros_like(frame.predicted)
+    arm = moment(p["offset_x_m"], p["offset_y_m"], frame.predicted[:, :3])
+    out[:, 3:] = arm * since(frame, p)[:, None]
     return out
 
 
-def _refuse(p: Mapping[str, float]) -> str | None:
-    return outside("offset", float(np.hypot(p["offset_x_m"], p["offset_y_m"])), 0.0, 0.3, "m")
-
-
 FLIGHT: Tracing[FlightFrame] = Tracing(
-    name="cg_offset",
-    physics="the centre of mass lies beside the declared one: M = -r x F",
-    source="moment of the thrust about a shifted centre of mass",
     needs=("motor1",),
     channels=("torque_x", "torque_y"),
-    units={"offset_x_m": "m", "offset_y_m": "m", "onset_s": "s", "over_s": "s"},
-    missing=present,
-    shapes=one_shape,
-    columns=_columns,
-    parameters=lambda _, shape, c: {"offset_x_m": float(c[0]), "offset_y_m": float(c[1]), **shape},
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k in COMES},
-        np.array([p["offset_x_m"], p["offset_y_m"]]),
-    ),
-    refuse=_refuse,
-    cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
-    nil=lambda _: {"offset_x_m": 0.0, "offset_y_m": 0.0},
-    sudden=True,
-    stage=8,
-    free=onset_limits,
+    starts=lambda _: [{"offset_x_m": 0.0, "offset_y_m": 0.0}],
+    adds=_adds,
+    cause=lambda frame, *_: ("total_thrust_N", frame.thrust.sum(axis=1)),
 )
 
 
@@ -83,14 +64,14 @@ def _live(view: LiveView, p: Numbers) -> Part:
 EFFECT = PhysicalEffect(
     name="cg_offset",
     stage=Stage.BODY,
+    place=1,
+    physics="the centre of mass lies beside the declared one: M = -r x F",
+    source="moment of the thrust about a shifted centre of mass",
     parameters=(
-        Parameter("offset_x_m", "m", -0.3, 0.3, (0.0, 0.01),
-            source="assumed: a battery strapped on by hand lies within 10 mm"),
-        Parameter("offset_y_m", "m", -0.3, 0.3, (0.0, 0.01),
-            source="assumed: a battery strapped on by hand lies within 10 mm"),
-        Parameter("onset_s", "s", 0.0, 1e6,
-            source="wide: any value between the bounds; the second of the log at which it began"),
-        OVER,
+        *(Parameter(name, "m", -0.3, 0.3, (0.0, 0.01), amount=True, nil=0.0,
+            source="assumed: a battery strapped on by hand lies within 10 mm")
+          for name in ("offset_x_m", "offset_y_m")),
+        *ONSET,
     ),
     flight=FLIGHT,
     static=_static,

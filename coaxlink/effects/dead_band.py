@@ -6,20 +6,20 @@ stretched from the band on, or curved as idling power is taken off.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import changed_by, drivable, drive
+from coaxlink.effects.parameter import Range
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, Tracing
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 AT_REST, TREMOR = 0.05, 0.005  # of the throttle; of normalised speed: no more is no turning
 BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
-BEND = (1.0, 12.0)
 
 
 def turned(p: Numbers, command: Array) -> Array:
@@ -32,71 +32,58 @@ def turned(p: Numbers, command: Array) -> Array:
     return np.where(u < band, 0.0, u)
 
 
-# Starts and bounds of the fit, judgement: play and stiction of a mounted cell, of the largest load. They let
-# go at once: what sets in over several bands (a knee below 4) is how the pair itself bends at low speed
+# Starts of the fit: play and stiction of a mounted cell, of the largest load. They let go at once: what sets
+# in over several bands (a knee below 4) is how the pair itself bends at low speed
 CELL_BANDS, KNEES = (0.01, 0.02, 0.04, 0.08), (6.0, 9.0)
-CELLS = {"band": (0.003, 0.25), "knee": (4.0, 12.0), "torque": (0.2, 5.0)}
 
 
-def cell_shapes(frame: StandFrame) -> Sequence[Shape]:
+def _cell_starts(frame: StandFrame) -> Sequence[Numbers]:
     """Cells with play or stiction: of a small force they read nothing, of a large one as much less.
 
     Or one that tracks its zero, as scales do: it shows none of a small force, and all of a large one.
     """
-    play: list[Shape] = [
-        {"cells": 1.0, "band": b, "knee": k, **which}
+    cells = {"share": 1.0, "cells": 1.0}
+    play: list[Numbers] = [
+        {**cells, "band": b, "knee": k, **which}
         for b in CELL_BANDS
         for k in KNEES
         for which in ({"torque": 1.0}, {"only": 0.0}, {"only": 1.0})
     ]
     loads = [float(c) for c in frame.present if c < 4]
-    return play + [{"cells": 1.0, "band": b, "knee": 6.0, "tracks": c} for b in CELL_BANDS for c in loads]
+    return play + [{**cells, "band": b, "knee": 6.0, "tracks": c} for b in CELL_BANDS for c in loads]
 
 
-def of_what_is_logged(frame: StandFrame, effect: Tracing[StandFrame]) -> Tracing[StandFrame]:
-    """The effect; its cells alone for a log without throttles: what no motor can be judged by, a cell can."""
-    if effect.name != "dead_band" or effect.missing(frame) is None:
-        return effect
-    return replace(effect, shapes=cell_shapes, missing=lambda _: None, stage=8)
-
-
-def _unread(frame: StandFrame, shape: Shape) -> Array:
+def _unread(frame: StandFrame, p: Numbers) -> Array:
     """(rows, 6) what cells do not read: all of a small load, and no more than the band of a large one.
 
     The band is a share of what the larger of both rotors' loads is; cells of one kind have one.
     """
     out = np.zeros((len(frame.time_s), 6))
-    if "tracks" in shape:
-        load = int(shape["tracks"])
-        over = np.abs(frame.predicted[:, load]) / (frame.reference[load] * shape["band"])
-        out[:, load] = -frame.predicted[:, load] / (1.0 + over ** shape["knee"])
+    if "tracks" in p:
+        load = int(p["tracks"])
+        over = np.abs(frame.predicted[:, load]) / (frame.reference[load] * p["band"])
+        out[:, load] = -frame.predicted[:, load] / (1.0 + over ** p["knee"])
         return out
     for load in range(4):
-        if load % 2 != shape.get("only", load % 2):
+        if load % 2 != p.get("only", load % 2):
             continue
         full = max(frame.reference[load], frame.reference[(load + 2) % 4])
-        band = full * shape["band"] * (shape.get("torque", 1.0) if load % 2 else 1.0)
+        band = full * p["band"] * (p.get("torque", 1.0) if load % 2 else 1.0)
         over = frame.predicted[:, load] / band
-        out[:, load] = -band * over / (1.0 + np.abs(over) ** shape["knee"]) ** (1.0 / shape["knee"])
+        out[:, load] = -band * over / (1.0 + np.abs(over) ** p["knee"]) ** (1.0 / p["knee"])
     return out
 
 
-def _dead_columns(frame: StandFrame, shape: Shape) -> Array:
-    if "cells" in shape:
-        return _unread(frame, shape)[..., None]
-    return changed_by(frame, _dead(frame, shape))[..., None]
-
-
-def _dead(frame: StandFrame, shape: Shape) -> Array:
+def _dead(frame: StandFrame, p: Numbers) -> Array:
     """(rows, 2) speeds: none, then as the throttle says; all stretched; or idling taken off.
 
     With a `start` a rotor at rest waits for that throttle, and then turns until the band stops it.
     """
-    u, band = drive(frame), shape["band"]
-    if "start" in shape:
-        running = _running(u, band, shape["start"])
-        return np.where(running, _dead(frame, {k: v for k, v in shape.items() if k != "start"}), 0.0)
-    return turned(shape, u)
+    u, band = drive(frame), p["band"]
+    if "start" in p:
+        running = _running(u, band, p["start"])
+        return np.where(running, _dead(frame, {k: v for k, v in p.items() if k != "start"}), 0.0)
+    return turned(p, u)
 
 
 def _running(u: Array, band: float, start: float) -> Array:
@@ -107,21 +94,24 @@ def _running(u: Array, band: float, start: float) -> Array:
     return np.asarray(started > stopped)
 
 
-def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFrame:
+def _changes(frame: StandFrame, p: Numbers) -> StandFrame:
     """The frame with its rotors at rest below the band, where a supply or a warm winding changes nothing.
 
     What these take off on the average stays in: it is the scale of the throttle, which the nuisance has too.
     """
-    shape, c = STAND.inverse(frame, parameters)
-    predicted = frame.predicted + STAND.columns(frame, shape) @ c
-    if not frame.driven and "cells" not in shape:
-        u = drive(frame)
-        stands = _dead(frame, shape) <= 0.0
+    if "cells" in p:
+        return replace(frame, predicted=frame.predicted + p["share"] * _unread(frame, p))
+    if drivable(frame):  # measured speeds have it in
+        return frame
+    speeds, u = _dead(frame, p), drive(frame)
+    predicted = frame.predicted + p["share"] * changed_by(frame, speeds)
+    if not frame.driven:
+        stands = speeds <= 0.0
         for side in (0, 1):
             rest, turns = stands[:, side] & (u[:, side] > 0.0), ~stands[:, side]
             if rest.any() and turns.any():
                 usual = float(np.mean(frame.predicted[turns, 4 + side] / u[turns, side]))
-                predicted[rest, 4 + side] = (usual - c[0]) * u[rest, side]
+                predicted[rest, 4 + side] = (usual - p["share"]) * u[rest, side]
     return replace(frame, predicted=predicted)
 
 
@@ -135,20 +125,19 @@ def _no_low(frame: StandFrame) -> str | None:
     return None if float(np.mean(drive(frame) < 0.2)) > 0.01 else "no rows at low throttle"
 
 
-def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
+def _starts(frame: StandFrame) -> Sequence[Numbers]:
+    """Of motors and of cells; without throttles cells alone, for then no motor can be judged."""
+    motors = [] if drivable(frame) else _motor_starts(frame)
+    return [*motors, *_cell_starts(frame)]
+
+
+def _motor_starts(frame: StandFrame) -> Sequence[Numbers]:
     # where no row is low, a band shows only if it stretches the whole scale
-    forms: list[Shape] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}, {"bend": 2.0}]
+    forms: list[Numbers] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}, {"bend": 2.0}]
     seen = _entered(frame)
-    return [{"band": b, **form} for b in BANDS for form in forms if b > seen or "stretched" in form]
-
-
-def _dead_free(frame: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    if "cells" in shape:
-        return {name: limits for name, limits in CELLS.items() if name in shape}
-    # a start threshold stands between two set-points: nothing continuous to move
-    if "bend" in shape:
-        return {"band": (min(max(0.005, _entered(frame)), 0.39), 0.4), "bend": BEND}
-    return {"band": (0.005, 0.4)} if "stretched" in shape else {}
+    return [
+        {"share": 1.0, "band": b, **form} for b in BANDS for form in forms if b > seen or "stretched" in form
+    ]
 
 
 def _start(frame: StandFrame) -> tuple[float, float] | None:
@@ -164,56 +153,43 @@ def _start(frame: StandFrame) -> tuple[float, float] | None:
     return float(np.max(u[rests])), float(np.min(u[turns]))
 
 
-def _dead_variants(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    if "cells" in shape:
+def _further(frame: StandFrame, p: Numbers) -> Sequence[Numbers]:
+    if "cells" in p:
         return []
-    bare, observed = {"band": shape["band"]}, _start(frame)
-    forms: list[tuple[Shape, Array]] = []
+    bare, whole, observed = {"share": p["share"], "band": p["band"]}, {"share": 1.0}, _start(frame)
+    forms: list[Numbers] = []
     if observed is not None:
         rests, turns = observed
-        forms.append(({"band": 0.5 * (rests + turns)}, np.ones(1)))
-        if "bend" in shape:  # it begins below the lowest that turns, and steeply
-            forms.append(({"band": 0.99 * turns, "bend": shape["bend"]}, c))
+        forms.append({**whole, "band": 0.5 * (rests + turns)})
+        if "bend" in p:  # it begins below the lowest that turns, and steeply
+            forms.append({**bare, "band": 0.99 * turns, "bend": p["bend"]})
         if rests > turns:  # at one throttle it stands or turns, as it came there
-            late = {"band": min(shape["band"], turns), "start": rests + 1e-6}
-            forms += [({**late, **form}, c) for form in ({"stretched": 1.0}, {"bend": 1.5}, {})]
-    if "bend" not in shape and shape["band"] > _entered(frame):
-        forms += [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
-    return [form for form in forms if form[0] != shape]
+            late = {**bare, "band": min(p["band"], turns), "start": rests + 1e-6}
+            forms += [{**late, **form} for form in ({"stretched": 1.0}, {"bend": 1.5}, {})]
+    if "bend" not in p and p["band"] > _entered(frame):
+        forms += [{**bare, "bend": b} for b in (1.5, 3.0)]
+    return [form for form in forms if {**form, **whole} != {**p, **whole}]
+
+
+def _band(frame: StandFrame | None, p: Numbers) -> Range:
+    """Of a bend, within what throttles were given; of cells, which are finer."""
+    if "cells" in p:
+        return 0.003, 0.25
+    if frame is None:
+        return 0.0, 0.99
+    return (min(max(0.005, _entered(frame)), 0.39) if "bend" in p else 0.005), 0.4
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="dead_band",
-    stage=2,
-    physics="below a throttle the motor does not turn",
-    source="speed controllers' start threshold",
     needs=("upper_throttle",),
     channels=STAND_CHANNELS,
-    units={
-        "band": "1",
-        "share": "1",
-        "stretched": "1",
-        "bend": "1",
-        "start": "1",
-        "cells": "1",
-        "knee": "1",
-        "tracks": "1",
-        "only": "1",
-        "torque": "1",
-    },
-    missing=drivable,
-    shapes=lambda frame: [*_dead_shapes(frame), *cell_shapes(frame)],
-    columns=_dead_columns,
-    parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
-    inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
-    refuse=lambda p: outside("share", p["share"], 0.6, 1.5),
+    starts=_starts,
+    further=_further,
+    changes=_changes,
     cause=lambda frame, _, channel: (
         "throttle",
         drive(frame)[:, 1 if channel.startswith("lower") else 0],
     ),
-    apply=_dead_apply,
-    free=_dead_free,
-    variants=_dead_variants,
 )
 
 
@@ -240,21 +216,25 @@ _OF_THE_CELLS = "a property of the stand's cells, not of the rotors"
 EFFECT = PhysicalEffect(
     name="dead_band",
     stage=Stage.DRIVE,
+    place=2,
+    physics="below a throttle the motor does not turn",
+    source="speed controllers' start threshold",
     parameters=(
-        Parameter("band", "1", 0.0, 0.99, (0.05, 0.05),
+        # a start threshold stands between two set-points: nothing continuous to move
+        Parameter("band", "1", 0.0, 0.99, (0.05, 0.05), moves=("stretched", "bend", "cells"), within=_band,
             source="assumed: speed controllers start a motor within the first tenth of the throttle"),
-        Parameter("share", "1", 0.6, 1.5, (1.0, 0.1),
+        Parameter("share", "1", 0.6, 1.5, (1.0, 0.1), amount=True,
             source="1 by definition, the whole of the band; 0.1 is assumed for rows whose rotor was just "
                    "starting"),
         Parameter("stretched", "1", 0.0, 1.0, source="a switch, 0 or 1: the scale begins at the band's end"),
-        Parameter("bend", "1", 1e-3, 100.0,
+        Parameter("bend", "1", 1.0, 12.0, moves=True,
             source="wide: any value between the bounds; how idling power is taken off goes with the "
                    "controller's firmware"),
         Parameter("start", "1", 0.0, 1.0,
             source="wide: any value between the bounds; where a motor starts goes with its load and its "
                    "controller"),
         Parameter("cells", "1", 0.0, 1.0, source="a switch, 0 or 1: load cells, not motors, have the band"),
-        Parameter("knee", "1", *CELLS["knee"],
+        Parameter("knee", "1", 4.0, 12.0, moves=True,
             source="wide: any value between the bounds; how sharply play or stiction ends goes with "
                    "the mount"),
         Parameter("only", "1", 0.0, 1.0,
@@ -262,7 +242,7 @@ EFFECT = PhysicalEffect(
         Parameter("tracks", "1", 0.0, 3.0,
             source="a number of a load, 0 to 3: its cell shows none of a small force, and all of a large "
                    "one (zero tracking, OIML R 76-1)"),
-        Parameter("torque", "1", *CELLS["torque"],
+        Parameter("torque", "1", 0.2, 5.0, moves=True,
             source="wide: any value between the bounds; torque cells and thrust cells are of two kinds"),
     ),
     stand=STAND,

@@ -8,15 +8,16 @@ number says it all. It may happen in mid-flight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import LiveView, Part
-from coaxlink.effects.onset import COMES, OVER, onset_limits, since
+from coaxlink.effects.onset import ONSET, since
+from coaxlink.effects.parameter import Range
 from coaxlink.effects.static import StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside, present
+from coaxlink.effects.tracing import Array, Tracing
 from coaxlink.errors import InputError
 from coaxlink.frames import FlightFrame
 
@@ -29,60 +30,34 @@ def losses(p: Numbers) -> tuple[float, float]:
     return p["thrust_loss"], p.get("torque_loss", 0.0)
 
 
-def _shapes(frame: FlightFrame) -> Sequence[Shape]:
+def _starts(frame: FlightFrame) -> Sequence[Numbers]:
+    """Any rotor: a blade that lifts less, or a motor that turns slower."""
     numbers = [float(r.number) for r in frame.airframe.rotors]
-    return [*({"rotor": n} for n in numbers), *({"rotor": n, "slower": 1.0} for n in numbers)]
+    return [
+        *({"rotor": n, "thrust_loss": 0.1, "torque_loss": 0.1} for n in numbers),
+        *({"rotor": n, "speed_loss": 0.05} for n in numbers),
+    ]
 
 
-def _only(frame: FlightFrame, shape: Shape) -> Array:
+def _only(frame: FlightFrame, p: Numbers) -> Array:
     """(rows, N) how much of the loss each rotor has at each time."""
     only = np.zeros_like(frame.thrust)
-    only[:, int(shape["rotor"]) - 1] = since(frame, shape)
+    only[:, int(p["rotor"]) - 1] = since(frame, p)
     return only
 
 
-def _columns(frame: FlightFrame, shape: Shape) -> Array:
-    only = _only(frame, shape)
-    if "slower" in shape:
-        small = 1e-3
-        slowed = frame.turning_at(frame.speeds * (1.0 - small * only)).predicted
-        return ((slowed - frame.predicted) / small)[..., None]
-    none = np.zeros_like(frame.thrust)
-    return np.stack(
-        [
-            frame.airframe.body_loads(-frame.thrust * only, none),
-            frame.airframe.body_loads(none, -frame.torque * only),
-        ],
-        axis=-1,
-    )
+def _by_speed(_: FlightFrame, p: Numbers) -> float | None:
+    """What a slower rotor loses: whoever knows only loads at given speed, both go with the square of it."""
+    return 1.0 - max(1.0 - p["speed_loss"], 0.0) ** 2 if "speed_loss" in p else None
 
 
-def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    onset = {k: v for k, v in shape.items() if k in COMES}
-    if "slower" not in shape:
-        return {"rotor": shape["rotor"], "thrust_loss": float(c[0]), "torque_loss": float(c[1]), **onset}
-    # whoever knows only loads at given speed: both go with the square of it
-    lost = 1.0 - max(1.0 - float(c[0]), 0.0) ** 2
-    named = {"rotor": shape["rotor"], "thrust_loss": lost, "torque_loss": lost}
-    return {**named, "speed_loss": float(c[0]), **onset}
-
-
-def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k in ("rotor", *COMES)}
-    if "speed_loss" in p:
-        return {**shape, "slower": 1.0}, np.array([p["speed_loss"]])
-    return shape, np.array([p["thrust_loss"], p["torque_loss"]])
-
-
-def _refuse(p: Mapping[str, float]) -> str | None:
-    # a blade that drags otherwise lifts otherwise: torque alone is no failing rotor
+def _torque(_: FlightFrame | None, p: Numbers) -> Range:
+    """A blade that drags otherwise lifts otherwise: torque alone is no failing rotor."""
     most = min(1.0, TORQUE_ALONE + TORQUE_PER_THRUST * abs(p["thrust_loss"]))
-    return outside("thrust_loss", p["thrust_loss"], 0.0, 1.0) or outside(
-        "torque_loss", p["torque_loss"], -most, most
-    )
+    return -most, most
 
 
-def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+def _changes(frame: FlightFrame, p: Numbers) -> FlightFrame:
     only = _only(frame, p)
     if "speed_loss" in p:
         return frame.turning_at(frame.speeds * (1.0 - p["speed_loss"] * only))
@@ -90,44 +65,24 @@ def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
     return frame.pulling(frame.thrust * (1.0 - thrust * only), frame.torque * (1.0 - torque * only))
 
 
-def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    same = {k: v for k, v in shape.items() if k != "slower"}
-    if "slower" in shape:
-        lost = 1.0 - (1.0 - c[0]) ** 2
-        return [(same, np.array([lost, lost]))]
-    return [({**same, "slower": 1.0}, 0.5 * c[:1])]
+def _further(_: FlightFrame, p: Numbers) -> Sequence[Numbers]:
+    same = {k: v for k, v in p.items() if k not in ("thrust_loss", "torque_loss", "speed_loss")}
+    if "speed_loss" in p:
+        lost = 1.0 - (1.0 - p["speed_loss"]) ** 2
+        return [{**same, "thrust_loss": lost, "torque_loss": lost}]
+    return [{**same, "speed_loss": 0.5 * p["thrust_loss"]}]
 
 
 FLIGHT: Tracing[FlightFrame] = Tracing(
-    name="degraded_rotor",
-    physics="one rotor gives less thrust than the others at the same speed",
-    source="loss of effectiveness of one actuator (Sharifi, Mirzaei, Gordon and Zhang 2010)",
     needs=("motor1",),
     channels=("force_z", "torque_x", "torque_y", "torque_z"),
-    units={
-        "rotor": "1",
-        "thrust_loss": "1",
-        "torque_loss": "1",
-        "speed_loss": "1",
-        "onset_s": "s",
-        "over_s": "s",
-    },
-    missing=present,
-    shapes=_shapes,
-    columns=_columns,
-    parameters=_parameters,
-    inverse=_inverse,
-    refuse=_refuse,
-    cause=lambda frame, shape, _: (
-        f"thrust of rotor {int(shape['rotor'])}, N",
-        frame.thrust[:, int(shape["rotor"]) - 1],
+    starts=_starts,
+    further=_further,
+    changes=_changes,
+    cause=lambda frame, p, _: (
+        f"thrust of rotor {int(p['rotor'])}, N",
+        frame.thrust[:, int(p["rotor"]) - 1],
     ),
-    nil=lambda _: {"thrust_loss": 0.0},
-    sudden=True,
-    stage=2,
-    apply=_apply,
-    free=onset_limits,
-    variants=_variants,
 )
 
 
@@ -166,17 +121,18 @@ LEAST_GAIN = 0.05  # of a rotor that counts for less, no mixer can make use
 EFFECT = PhysicalEffect(
     name="degraded_rotor",
     stage=Stage.ROTOR,
+    physics="one rotor gives less thrust than the others at the same speed",
+    source="loss of effectiveness of one actuator (Sharifi, Mirzaei, Gordon and Zhang 2010)",
     parameters=(
         Parameter("rotor", "1", 1.0, 16.0, source="a number of the airframe's rotors, each as likely"),
-        Parameter("thrust_loss", "1", 0.0, 1.0, (0.1, 0.1),
+        Parameter("thrust_loss", "1", 0.0, 1.0, (0.1, 0.1), amount=True, nil=0.0, follows=_by_speed,
             source="assumed: a loss of one rotor that is flown unnoticed is a fifth at most"),
-        Parameter("torque_loss", "1", -1.0, 1.0, (0.05, 0.1),
+        Parameter("torque_loss", "1", -1.0, 1.0, (0.05, 0.1), amount=True, follows=_by_speed,
+            within=_torque,
             source="assumed: a shortened blade loses drag with its lift, a rough one gains some"),
-        Parameter("speed_loss", "1", 0.0, 1.0, (0.05, 0.05),
+        Parameter("speed_loss", "1", 0.0, 1.0, (0.05, 0.05), amount=True,
             source="assumed: half of the thrust loss, which goes with the square of speed"),
-        Parameter("onset_s", "s", 0.0, 1e6,
-            source="wide: any value between the bounds; the second of the log at which it began"),
-        OVER,
+        *ONSET,
     ),
     flight=FLIGHT,
     static=_static,

@@ -10,11 +10,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coaxlink.effects.parameter import Numbers, Parameter
 from coaxlink.effects.static import StaticVehicle, refuse_speed
-from coaxlink.effects.tracing import Array, Shape
+from coaxlink.effects.tracing import Array
 from coaxlink.frames import StandFrame
 
-LOAD = (-0.8, 2.0)
+LOAD = Parameter("load", "1", -0.8, 2.0, moves=True,
+    source="wide: any value between the bounds; how resistance and load share the fall of speed goes with "
+           "the motor")  # fmt: skip
 
 
 def drive(frame: StandFrame) -> Array:
@@ -28,13 +31,14 @@ def drivable(frame: StandFrame) -> str | None:
     return "the log has no throttle: speeds were measured, so the drive cannot be judged"
 
 
-def loaded(u: Array, shape: Shape) -> Array:
+def loaded(u: Array, p: Numbers) -> Array:
     """Of speeds, how much a change of the drive is felt: as the speed, or more where the motor is loaded."""
-    return np.asarray(u * np.maximum(u, 1e-3) ** shape["load"] if "load" in shape else u)
+    return np.asarray(u * np.maximum(u, 1e-3) ** p["load"] if "load" in p else u)
 
 
-def load_variants(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    return [] if "load" in shape else [({**shape, "load": 0.2}, c)]
+def load_further(p: Numbers) -> Sequence[Numbers]:
+    """The same with a share that goes with the load."""
+    return [] if "load" in p else [{**p, "load": 0.2}]
 
 
 def changed_by(frame: StandFrame, speeds: Array) -> Array:
@@ -48,12 +52,12 @@ def changed_by(frame: StandFrame, speeds: Array) -> Array:
     return out
 
 
-def turning(command: Array, share: float, numbers: Shape) -> Array:
+def turning(command: Array, share: float, numbers: Numbers) -> Array:
     """Speeds of commands that a change of the drive by `share` (0 is none) leaves."""
     return np.asarray(command + share * loaded(np.asarray(command, float), numbers))
 
 
-def turn(vehicle: StaticVehicle, factor: float, numbers: Shape, condition: str, value: float) -> None:
+def turn(vehicle: StaticVehicle, factor: float, numbers: Numbers, condition: str, value: float) -> None:
     """Let rotors turn at `factor` of their commands, or at another share where the motor is loaded (`load`).
 
     Raises InputError where no drive does that at this condition.

@@ -11,7 +11,7 @@ nearer than half a radius: below a height the gain may stop growing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,16 +19,17 @@ from numpy.typing import ArrayLike
 from coaxlink.airframe import Airframe
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.parameter import Linear
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import FlightFrame
 
 SCALES_M = (0.15, 0.2, 0.27, 0.36, 0.48, 0.6, 0.75, 0.95, 1.2, 1.6)
 GROUND_FELT_M = 1.5  # a vehicle that stays above feels none
 LOWEST_M = 0.08  # a disc is never nearer to the ground
+OTHER_RADIUS_M = 0.316  # a start of the fit: Cheeseman's gain is then a tenth of 0.25 m's
 LEAST_BEND = 0.3  # a gain that steepens near the ground ends at about three times its first term
-POWERS = (0.7, 5.0)
-BENDS = {"levelling": (-2.5, 6.0), "flat_below_m": (LOWEST_M, 1.0)}
+BENDS = ("levelling", "flat_below_m")
 
 
 def _height(frame: FlightFrame) -> Array:
@@ -56,109 +57,65 @@ def _missing(frame: FlightFrame) -> str | None:
     return None if lowest < GROUND_FELT_M else f"never below {lowest:.1f} m"
 
 
-def _shapes(_: FlightFrame) -> Sequence[Shape]:
-    return [{"height_power": 2.0}, *({"height_scale_m": s} for s in SCALES_M)]
+def _starts(frame: FlightFrame) -> Sequence[Numbers]:
+    if why := _missing(frame):
+        raise NotShown(why)
+    return [
+        {"effective_radius_m": 0.3, "height_power": 2.0},
+        *({"gain_at_ground": 0.2, "height_scale_m": s} for s in SCALES_M),
+    ]
 
 
-def _unit_gain(shape: Shape, height_m: ArrayLike) -> Array:
+def _unit_gain(p: Numbers, height_m: ArrayLike) -> Array:
     """Share of thrust gained at a disc's height, for a unit coefficient and before it levels off."""
-    h = np.maximum(np.asarray(height_m, float), max(shape.get("flat_below_m", LOWEST_M), LOWEST_M))
-    if "height_scale_m" in shape:
-        return np.asarray(np.exp(-h / shape["height_scale_m"]))
-    return np.asarray((0.25 / h) ** shape.get("height_power", 2.0))
+    h = np.maximum(np.asarray(height_m, float), max(p.get("flat_below_m", LOWEST_M), LOWEST_M))
+    if "height_scale_m" in p:
+        return np.asarray(np.exp(-h / p["height_scale_m"]))
+    return np.asarray((0.25 / h) ** p.get("height_power", 2.0))
 
 
 def thrust_gain(p: Numbers, height_m: ArrayLike) -> Array:
     """Share of thrust that the ground adds to rotors whose discs are this high (m)."""
-    shape, c = split(p)
-    gain = c * _unit_gain(shape, height_m)
-    return np.asarray(gain / np.maximum(1.0 + shape.get("levelling", 0.0) * gain, LEAST_BEND))
+    by_scale = "height_scale_m" in p
+    most = p["gain_at_ground"] if by_scale else _first_term(None, p, p["effective_radius_m"])
+    gain = most * _unit_gain(p, height_m)
+    return np.asarray(gain / np.maximum(1.0 + p.get("levelling", 0.0) * gain, LEAST_BEND))
 
 
-def _columns(frame: FlightFrame, shape: Shape) -> Array:
-    thrust = frame.thrust * _unit_gain(shape, disc_heights(frame))
-    return frame.airframe.body_loads(thrust, np.zeros_like(thrust))[..., None]
+def _first_term(_: FlightFrame | None, p: Numbers, radius_m: float) -> float:
+    return float(np.sign(radius_m) * abs(radius_m) ** p.get("height_power", 2.0))
 
 
-def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    bend = {k: v for k, v in shape.items() if k in BENDS}
-    if "height_scale_m" in shape:
-        return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"], **bend}
-    power = shape.get("height_power", 2.0)
-    radius = float(np.sign(c[0]) * abs(c[0]) ** (1.0 / power))
-    return {"effective_radius_m": radius, "height_power": power, **bend}
+def _radius(_: FlightFrame, p: Numbers, first: float) -> float:
+    return float(np.sign(first) * abs(first) ** (1.0 / p.get("height_power", 2.0)))
 
 
-def split(p: Numbers) -> tuple[Shape, float]:
-    """The shape and the coefficient in an effect's numbers."""
-    bend = {k: v for k, v in p.items() if k in BENDS}
-    if "height_scale_m" in p:
-        return {"height_scale_m": p["height_scale_m"], **bend}, p["gain_at_ground"]
-    power, radius = p.get("height_power", 2.0), p["effective_radius_m"]
-    return {"height_power": power, **bend}, float(np.sign(radius) * abs(radius) ** power)
-
-
-def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape, c = split(p)
-    return shape, np.array([c])
-
-
-def _refuse(p: Mapping[str, float]) -> str | None:
-    if "height_scale_m" in p:
-        return outside("gain_at_ground", p["gain_at_ground"], 0.0, 3.0)
-    return outside("effective_radius_m", p["effective_radius_m"], 0.0, 2.0, "m")
-
-
-def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+def _changes(frame: FlightFrame, p: Numbers) -> FlightFrame:
     return frame.pulling(frame.thrust * (1.0 + thrust_gain(p, disc_heights(frame))), frame.torque)
 
 
-def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    bend = {k: limits for k, limits in BENDS.items() if k in shape}
-    if "height_scale_m" in shape:
-        return {"height_scale_m": (0.5 * SCALES_M[0], 2.0 * SCALES_M[-1]), **bend}
-    return {"height_power": POWERS, **bend}
-
-
-def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    sign = np.sign(c[0])
-    mine = {k: v for k, v in shape.items() if k not in BENDS}
-    other, size = ({"height_scale_m": 0.5}, 0.2) if "height_power" in shape else ({"height_power": 2.0}, 0.1)
-    out: list[tuple[Shape, Array]] = [(other, np.array([size * sign]))]
-    if "levelling" not in shape:
-        out += [({**mine, "levelling": b}, c) for b in (0.3, -0.3)]
-    if "flat_below_m" not in shape:
-        level = shape.get("levelling", -0.3)
-        out += [({**mine, "levelling": level, "flat_below_m": h}, c) for h in (0.35, 0.2, 0.12)]
+def _further(_: FlightFrame, p: Numbers) -> Sequence[Numbers]:
+    """The other law; closer to the ground steeper, or less steep, or level."""
+    mine = {k: v for k, v in p.items() if k not in BENDS}
+    sign = float(np.sign(p.get("gain_at_ground", p.get("effective_radius_m", 0.0))))
+    out: list[Numbers] = [{"effective_radius_m": sign * OTHER_RADIUS_M, "height_power": 2.0}]
+    if "height_power" in p:
+        out = [{"gain_at_ground": sign * 0.2, "height_scale_m": 0.5}]
+    if "levelling" not in p:
+        out += [{**mine, "levelling": b} for b in (0.3, -0.3)]
+    if "flat_below_m" not in p:
+        level = p.get("levelling", -0.3)
+        out += [{**mine, "levelling": level, "flat_below_m": h} for h in (0.35, 0.2, 0.12)]
     return out
 
 
 FLIGHT: Tracing[FlightFrame] = Tracing(
-    name="ground_effect",
-    physics="thrust at given speed grows near the ground",
-    source="Cheeseman and Bennett 1955; Sanchez-Cuevas, Heredia and Ollero 2017; He, Lee and Leang 2019",
     needs=("height_m",),
     channels=("force_z",),
-    units={
-        "gain_at_ground": "1",
-        "height_scale_m": "m",
-        "effective_radius_m": "m",
-        "height_power": "1",
-        "levelling": "1",
-        "flat_below_m": "m",
-    },
-    missing=_missing,
-    shapes=_shapes,
-    columns=_columns,
-    parameters=_parameters,
-    inverse=_inverse,
-    refuse=_refuse,
-    cause=lambda frame, _, channel: ("height_m", _height(frame)),
-    nil=lambda _: {"gain_at_ground": 0.0, "effective_radius_m": 0.0},
-    stage=4,
-    apply=_apply,
-    free=_free,
-    variants=_variants,
+    starts=_starts,
+    further=_further,
+    changes=_changes,
+    cause=lambda frame, *_: ("height_m", _height(frame)),
 )
 
 
@@ -192,21 +149,25 @@ _NEEDS_HEIGHT = (
 EFFECT = PhysicalEffect(
     name="ground_effect",
     stage=Stage.AIR,
+    place=1,
+    physics="thrust at given speed grows near the ground",
+    source="Cheeseman and Bennett 1955; Sanchez-Cuevas, Heredia and Ollero 2017; He, Lee and Leang 2019",
     parameters=(
-        Parameter("gain_at_ground", "1", 0.0, 3.0, (0.2, 0.2),
+        Parameter("gain_at_ground", "1", 0.0, 3.0, (0.2, 0.2), amount=True, nil=0.0,
             source="Cheeseman and Bennett 1955: 33 % half a radius above the ground, less for what levels "
                    "off"),
-        Parameter("height_scale_m", "m", 0.05, 4.0, (0.5, 0.5),
+        Parameter("height_scale_m", "m", 0.075, 3.2, (0.5, 0.5), moves=True,
             source="assumed: about a rotor's diameter, 0.25 to 1 m on multirotors of 2 to 25 kg"),
-        Parameter("effective_radius_m", "m", 0.0, 2.0, (0.4, 0.3),
+        Parameter("effective_radius_m", "m", 0.0, 2.0, (0.4, 0.3), nil=0.0,
+            amount=Linear(_first_term, _radius),
             source="larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero 2017); up to three radii "
                    "is assumed"),
-        Parameter("height_power", "1", *POWERS, (2.0, 0.7),
+        Parameter("height_power", "1", 0.7, 5.0, (2.0, 0.7), moves=True,
             source="Cheeseman and Bennett 1955: 2; 0.7 for fits that fall off otherwise"),
-        Parameter("levelling", "1", *BENDS["levelling"],
+        Parameter("levelling", "1", -2.5, 6.0, moves=True,
             source="wide: any value between the bounds; Cheeseman steepens (-1), Hayden levels off, and "
                    "vehicles differ"),
-        Parameter("flat_below_m", "m", *BENDS["flat_below_m"],
+        Parameter("flat_below_m", "m", LOWEST_M, 1.0, moves=True,
             source="wide: any value between the bounds; both laws end where the disc is nearer than half "
                    "a radius"),
     ),

@@ -10,35 +10,24 @@ the speed remembers, and both rotors' loads with it (Tao and Kokotovic 1996).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
 from coaxlink.constants import SIGMA_PER_MAD
-from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import changed_by, drivable, drive
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 SIDES = {"upper": 0, "lower": 1}
+SHARES = {"thrust_share": 0.05, "torque_share": 0.05}  # starts
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
 # of the throttle: starts of the fit, no judgement
 GAPS = (0.015, 0.03, 0.045, 0.06, 0.09, 0.13)
-SHARES = (0.7, 1.4)  # judgement, as of `rotor_lag`: of the play, what the speeds feel; 1 is physics
 RELAY_STEP, RELAY_WIDEST, RELAY_VARIANTS = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
-NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
-         "power", "reach", "spread", "fading", "lower_over_upper",
-         "relay", "on", "off", "angle", "command", "share")  # fmt: skip
-ALL = {"both", "sweep", "load"}  # not one rotor's alone, unless that is named beside
-FREE = {
-    "fading": (0.0, 1.0),
-    "reach": (0.004, 0.6),
-    "spread": (1.02, 3.0),
-    "power": (0.0, 1.5),
-    "lower_over_upper": (0.2, 5.0),
-}
+SPREAD = 1.8  # a start of the fit: the longest way of four elements over the shortest is its cube
 TURNED = 0.01  # of normalised speed: less is no turn
 TREMBLES = 0.1  # of a path's range, judgement: three deviations of a held speed are less
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
@@ -167,33 +156,33 @@ def _quiet(path: Array) -> Array:
     return np.asarray(path - play * slipping(path, np.array([2.0 * play]))[:, 0])
 
 
-def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
+def _way(frame: StandFrame, channel: int, p: Numbers) -> Array:
     """(rows,) -1..1: from above, from below; of one load channel."""
     side = channel // 2
-    if "reach" in shape:
-        path = _path(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
-        if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
+    if "reach" in p:
+        path = _path(frame).sum(axis=1) if "sweep" in p else frame.speeds[:, side]
+        if "load" in p:  # a cell's friction knows its own load only, whatever speeds made it
             path = frame.predicted[:, channel] / frame.reference[channel]
-        if "angle" in shape:
+        if "angle" in p:
             path = _ratio(frame)
-        quiet, share, way = _quiet(path), shape.get("fading", 0.0), np.zeros(len(path))
-        if "fading" in shape:
-            way = share * fading(quiet, 0.5 * shape["reach"])
-        if "spread" in shape:
-            ways = shape["reach"] * shape["spread"] ** STICKING
+        quiet, share, way = _quiet(path), p.get("fading", 0.0), np.zeros(len(path))
+        if "fading" in p:
+            way = share * fading(quiet, 0.5 * p["reach"])
+        if "spread" in p:
+            ways = p["reach"] * p["spread"] ** STICKING
             way = way + (1.0 - share) * slipping(quiet, ways).mean(axis=1)
         return np.asarray(way)
-    if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
+    if "sweep" in p:  # the stand as a whole is loaded or unloaded, whichever rotor does it
         rate = np.gradient(_path(frame).sum(axis=1))
         way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
-        if "moving" in shape:
+        if "moving" in p:
             return way
         last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
         return way[last]
-    return moving(frame, side) if "moving" in shape else direction(frame, side)
+    return moving(frame, side) if "moving" in p else direction(frame, side)
 
 
-def relay_shapes(frame: StandFrame) -> list[dict[str, float]]:
+def _relay_starts(frame: StandFrame) -> list[Numbers]:
     """The lower rotor's flow flips above one speed of the upper rotor and flips back below another.
 
     Source: a relay with two thresholds, the element of Preisach's operator (Mayergoyz 2003).
@@ -203,7 +192,7 @@ def relay_shapes(frame: StandFrame) -> list[dict[str, float]]:
         return []
     levels = np.arange(np.min(u) + RELAY_STEP, np.max(u), RELAY_STEP)
     return [
-        {"lower": 1.0, "relay": 0.0, "on": float(on), "off": float(off)}
+        {**SHARES, "lower": 1.0, "relay": 0.0, "on": float(on), "off": float(off)}
         for on in levels
         for off in levels
         if RELAY_STEP < on - off < RELAY_WIDEST
@@ -213,12 +202,11 @@ def relay_shapes(frame: StandFrame) -> list[dict[str, float]]:
 ANGLE_REACHES = (0.1, 0.3, 0.6)  # of the ratio's logarithm; starts of the fit, judgement
 
 
-def angle_shapes(frame: StandFrame) -> list[dict[str, float]]:
+def _angle_starts(frame: StandFrame) -> list[Numbers]:
     """A lower rotor that recovers late from stall: its blades' angle goes with the ratio of both speeds."""
-    u = frame.speeds
-    if len(u) < 2 or np.ptp(_ratio(frame)) <= ANGLE_REACHES[0]:
+    if len(frame.speeds) < 2 or np.ptp(_ratio(frame)) <= ANGLE_REACHES[0]:
         return []
-    return [{"lower": 1.0, "angle": 1.0, "reach": r, "spread": 1.8} for r in ANGLE_REACHES]
+    return [{**SHARES, "lower": 1.0, "angle": 1.0, "reach": r, "spread": SPREAD} for r in ANGLE_REACHES]
 
 
 def _ratio(frame: StandFrame) -> Array:
@@ -227,186 +215,156 @@ def _ratio(frame: StandFrame) -> Array:
     return np.asarray(np.log(u[:, 0] / u[:, 1]))
 
 
-def _flipped(frame: StandFrame, shape: Shape) -> Array:
+def _flipped(frame: StandFrame, p: Numbers) -> Array:
     """(rows,) 1 from where the speed rose above `on` until it falls below `off`."""
-    u, row = frame.speeds[:, int(shape["relay"])], np.arange(len(frame.speeds))
-    on = np.maximum.accumulate(np.where(u > shape["on"], row, -1))
-    off = np.maximum.accumulate(np.where(u < shape["off"], row, -1))
+    u, row = frame.speeds[:, int(p["relay"])], np.arange(len(frame.speeds))
+    on = np.maximum.accumulate(np.where(u > p["on"], row, -1))
+    off = np.maximum.accumulate(np.where(u < p["off"], row, -1))
     return np.asarray(on > off, float)
 
 
-def _weight(frame: StandFrame, side: int, shape: Shape) -> Array:
+def _weight(frame: StandFrame, side: int, p: Numbers) -> Array:
     """(rows, 2) of thrust and torque: what a share is a share of.
 
     The load itself, the load where the blades are slow (`bulge`), or by a power of the load from 1
     for the load to 0 for dry friction, which is the same at every load.
     """
     weight = frame.predicted[:, 2 * side : 2 * side + 2]
-    if "bulge" in shape:
+    if "bulge" in p:
         return np.asarray(weight * (4.0 * np.clip(1.0 - frame.speeds[:, side], 0.0, 1.0))[:, None])
-    if "power" in shape:
+    if "power" in p:
         full = frame.reference[2 * side : 2 * side + 2]
-        return np.asarray(full * np.maximum(np.abs(weight) / full, 1e-3) ** shape["power"])
+        return np.asarray(full * np.maximum(np.abs(weight) / full, 1e-3) ** p["power"])
     return weight
 
 
-def _played(frame: StandFrame, shape: Shape) -> Array:
+def _played(frame: StandFrame, p: Numbers) -> Array:
     """(rows, 2) speeds behind throttles whose path has play: the middle of it where it was never crossed."""
     u = drive(frame)
-    states = [slipping(u[:, side], np.array([shape["reach"]]))[:, 0] for side in (0, 1)]
-    return np.asarray(u - 0.5 * shape["reach"] * np.stack(states, axis=1))
+    states = [slipping(u[:, side], np.array([p["reach"]]))[:, 0] for side in (0, 1)]
+    return np.asarray(u - 0.5 * p["reach"] * np.stack(states, axis=1))
 
 
-def _of_both(shape: Shape) -> bool:
-    return bool(ALL & set(shape)) and not set(SIDES) & set(shape)
-
-
-def _columns(frame: StandFrame, shape: Shape) -> Array:
-    if "command" in shape:
-        return changed_by(frame, _played(frame, shape))[..., None]
-    out = np.zeros((len(frame.time_s), 6, 2))
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    if "share" in p:
+        return p["share"] * changed_by(frame, _played(frame, p))
+    out, both = np.zeros((len(frame.time_s), 6)), not set(SIDES) & set(p)
     for name, side in SIDES.items():
-        if name in shape and "relay" in shape:
-            out[:, 2 * side, 0], out[:, 2 * side + 1, 1] = (
-                frame.predicted[:, 2 * side : 2 * side + 2] * _flipped(frame, shape)[:, None]
-            ).T
-        elif name in shape or _of_both(shape):
-            weight = _weight(frame, side, shape) * (shape.get("lower_over_upper", 1.0) if side else 1.0)
-            thrust = _way(frame, 2 * side, shape)
+        if name not in p and not both:
+            continue
+        for k, share in enumerate((p["thrust_share"], p["torque_share"])):
+            load = 2 * side + k
+            if "relay" in p:
+                out[:, load] = share * frame.predicted[:, load] * _flipped(frame, p)
+                continue
+            weight = _weight(frame, side, p)[:, k] * (p.get("lower_over_upper", 1.0) if side else 1.0)
             # a cell's own way, or the speed's
-            torque = _way(frame, 2 * side + 1, shape) if "load" in shape else thrust
-            for k, way in enumerate((thrust, torque)):
-                out[:, 2 * side + k, k] = -0.5 * weight[:, k] * way
+            way = _way(frame, load if "load" in p else 2 * side, p)
+            out[:, load] = share * -0.5 * weight * way
     return out
 
 
-def _shapes(frame: StandFrame) -> list[dict[str, float]]:
-    forms = [
-        {},
-        {"bulge": 1.0},
-        {"moving": 1.0},
-        {"power": 0.0, "reach": 0.03, "spread": 1.8},
-        *({"reach": r, "spread": 1.8} for r in REACHES),
+def _starts(frame: StandFrame) -> list[Numbers]:
+    if why := _no_return(frame):
+        raise NotShown(why)
+    worn: list[Numbers] = [
+        {"power": 0.0, "reach": 0.03, "spread": SPREAD},
+        *({"reach": r, "spread": SPREAD} for r in REACHES),
     ]
-    worn = [form for form in forms if "reach" in form]
-    sides = ["both", "sweep", *(name for name, side in SIDES.items() if _returns(frame, side))]
-    commands = [] if drivable(frame) else [{"command": 1.0, "reach": r} for r in GAPS]
+    forms: list[Numbers] = [{}, {"bulge": 1.0}, {"moving": 1.0}, *worn]
+    sides: list[Numbers] = [{}, {"sweep": 1.0}]
+    sides += [{name: 1.0} for name, side in SIDES.items() if _returns(frame, side)]
+    commands = [] if drivable(frame) else [{"share": 1.0, "reach": r} for r in GAPS]
     return [
         *commands,
-        *({side: 1.0, **form} for side in sides for form in forms),
-        *({"load": 1.0, **form} for form in worn),
+        *({**SHARES, **side, **form} for side in sides for form in forms),
+        *({**SHARES, "load": 1.0, **form} for form in worn),
         # one dirty slide: dry friction of a single rotor's cells
         *(
-            {side: 1.0, "load": 1.0, "power": 0.0, "reach": r, "spread": 1.8}
+            {**SHARES, side: 1.0, "load": 1.0, "power": 0.0, "reach": r, "spread": SPREAD}
             for side in SIDES
             for r in REACHES
         ),
+        *_relay_starts(frame),
+        *_angle_starts(frame),
     ]
 
 
-def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
-    mixed = {"fading", "spread"} <= set(shape)
-    return {name: limit for name, limit in FREE.items() if name in shape and (mixed or name != "fading")}
-
-
-def _variants(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+def _further(_: StandFrame, p: Numbers) -> list[Numbers]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
-    if "angle" in shape or "command" in shape:
+    if "angle" in p or "share" in p:
         return []
-    if "relay" in shape:
+    if "relay" in p:
         return [
-            ({**shape, "on": shape["on"] + a, "off": shape["off"] + b}, c)
+            {**p, "on": p["on"] + a, "off": p["off"] + b}
             for step in RELAY_VARIANTS
             for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
-            if shape["on"] + a > shape["off"] + b
+            if p["on"] + a > p["off"] + b
         ]
-    way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
-    forms: list[tuple[Shape, Array]] = []
-    bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread", "fading")}
-    each = {"lower_over_upper": 1.0} if _of_both(shape) else {}
-    if "fading" not in shape:
-        forms.append(({**each, **bare, "fading": 1.0, "reach": way["reach"]}, c))
-    if ("fading" in shape) != ("spread" in shape):  # a part of it fades, the rest sticks
-        forms.append(({**each, **bare, **way, "fading": 0.5}, c))
-    if "reach" not in shape:
-        forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
-    if "power" not in shape:
-        forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
-    if "load" not in shape:  # what remembers is not the speed's way but each cell's own
-        own = {side: 1.0 for side in SIDES if side in shape} or {"lower_over_upper": 1.0}
-        forms.append(({**own, **way, "load": 1.0, "power": 0.3}, c))
-    if _of_both(shape) and ("lower_over_upper" not in shape or "fading" in shape):
-        # every slide has a friction of its own
-        plain = {k: v for k, v in shape.items() if k not in ("moving", "fading")}
-        forms += [({**plain, **way, **power, "lower_over_upper": 1.0}, c) for power in ({}, {"power": 0.3})]
+    way = {"reach": p.get("reach", REACHES[0]), "spread": p.get("spread", SPREAD)}
+    forms: list[Numbers] = []
+    bare = {k: v for k, v in p.items() if k not in ("moving", "reach", "spread", "fading")}
+    both = not set(SIDES) & set(p)
+    each = {"lower_over_upper": 1.0} if both else {}
+    if "fading" not in p:
+        forms.append({**each, **bare, "fading": 1.0, "reach": way["reach"]})
+    if ("fading" in p) != ("spread" in p):  # a part of it fades, the rest sticks
+        forms.append({**each, **bare, **way, "fading": 0.5})
+    if "reach" not in p:
+        forms += [{**bare, **way, "reach": r} for r in REACHES]
+    if "power" not in p:
+        forms.append({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7})
+    if "load" not in p:  # what remembers is not the speed's way but each cell's own
+        own = {k: v for k, v in p.items() if k in (*SIDES, *SHARES)}
+        forms.append({**each, **own, **way, "load": 1.0, "power": 0.3})
+    if both and ("lower_over_upper" not in p or "fading" in p):  # every slide has a friction of its own
+        plain = {k: v for k, v in p.items() if k not in ("moving", "fading")}
+        forms += [{**plain, **way, **power, "lower_over_upper": 1.0} for power in ({}, {"power": 0.3})]
     return forms
 
 
-def _parameters(_: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
-    if "command" in shape:
-        return {"share": float(c[0]), **shape}
-    return {"thrust_share": float(c[0]), "torque_share": float(c[1]), **shape}
-
-
-def _inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    coefficients = ("share",) if "command" in p else ("thrust_share", "torque_share")
-    return {k: v for k, v in p.items() if k not in coefficients}, np.array([p[k] for k in coefficients])
-
-
-def _refuse(p: Mapping[str, float]) -> str | None:
-    if "command" in p:
-        return outside("share", p["share"], *SHARES)
-    return outside("thrust_share", p["thrust_share"], -0.5, 0.5)
-
-
 STAND: Tracing[StandFrame] = Tracing(
-    name="hysteresis",
-    stage=7,
-    physics="a load depends on whether the speed came from above or below",
-    source="friction of the rig and stall of the blades on the way down; Iwan 1966",
     needs=("upper_rpm", "lower_rpm"),
     channels=STAND_CHANNELS,
-    units=dict.fromkeys(NAMES, "1"),
-    missing=_no_return,
-    shapes=lambda frame: [*_shapes(frame), *relay_shapes(frame), *angle_shapes(frame)],
-    columns=_columns,
-    parameters=_parameters,
-    inverse=_inverse,
-    refuse=_refuse,
+    starts=_starts,
+    further=_further,
+    adds=_adds,
     cause=lambda frame, _, channel: (
         "direction of the sweep",
         direction(frame, 1 if channel.startswith("lower") else 0),
     ),
-    free=_free,
-    variants=_variants,
-)  # fmt: skip
+)
 
 _DIRECTION_UNKNOWN = "the mixer does not know which way the speed came"
-_SHARE = "assumed: friction and late recovery of blades hold back 5 % of a load on a sound stand"
 _WAYS = "wide: any value between the bounds; the ways over which a memory wears in go with the rig"
-_PLAY = "wide: any value between the bounds; what follows a command with play feels all of it"
 _FORMS = {
-    "both": "of both rotors",
-    "upper": "of the upper rotor",
-    "lower": "of the lower rotor",
+    "upper": "of the upper rotor alone",
+    "lower": "of the lower rotor alone",
     "sweep": "of the stand as a whole, whichever rotor loads it",
     "load": "of each cell's own load",
     "bulge": "of the load where the blades are slow, and stall",
     "moving": "only while the speed moves",
-    "command": "play of the command: speeds follow the throttle behind a gap, the reach",
     "angle": "over the ratio of both speeds, which sets the blades' angle",
 }
 EFFECT = PhysicalEffect(
     name="hysteresis",
     stage=Stage.STAND,
+    physics="a load depends on whether the speed came from above or below",
+    source="friction of the rig and stall of the blades on the way down; Iwan 1966",
     parameters=(
-        *(Parameter(name, "1", -1.0, 1.0, (0.0, 0.05), source=_SHARE) for name in NAMES[:2]),
+        *(Parameter(name, "1", -most, most, (0.0, 0.05), amount=True,
+            source="assumed: friction and late recovery of blades hold back 5 % of a load on a sound stand")
+          for name, most in zip(SHARES, (0.5, 1.0), strict=True)),
         *(
             Parameter(name, "1", 0.0, 1.0, source=f"a switch, 0 or 1: {what}")
             for name, what in _FORMS.items()
         ),
-        *(Parameter(name, "1", *limits, source=_WAYS) for name, limits in FREE.items()),
-        Parameter("share", "1", *SHARES, source=_PLAY),
+        *(Parameter(name, "1", low, high, moves=True, source=_WAYS)
+          for name, low, high in (("reach", 0.004, 0.6), ("spread", 1.02, 3.0), ("power", 0.0, 1.5),
+                                  ("lower_over_upper", 0.2, 5.0))),
+        Parameter("fading", "1", 0.0, 1.0, moves=("spread",), source=_WAYS),
+        Parameter("share", "1", 0.7, 1.4, amount=True,
+            source="wide: any value between the bounds; of a command with play, all of it is felt: 1"),
         Parameter("relay", "1", 0.0, 1.0,
             source="a number of the rotor (0 upper, 1 lower) whose speed flips it"),
         *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),

@@ -5,13 +5,14 @@ Source: coaxial momentum theory at finite spacing (Leishman and Ananthan 2006).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.parameter import Range
 from coaxlink.effects.static import Loads, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import StandFrame
 from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
@@ -26,43 +27,37 @@ def drawn(p: Numbers, upper: Array, lower: Array) -> Array:
     )
 
 
-def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
-    upper, lower = frame.speeds.T
-    term = drawn(shape, upper, lower)
-    out = np.zeros((len(term), 6, 2))
-    out[:, Load.UPPER_THRUST, 0], out[:, Load.UPPER_TORQUE, 1] = -term, -term
+def _starts(frame: StandFrame) -> Sequence[Numbers]:
+    if float(np.ptp(frame.speeds[:, 1])) <= 0.2:
+        raise NotShown("the lower rotor's speed hardly varies")
+    loss = {"thrust_loss_N": 1.0, "torque_loss_Nm": 0.0}
+    return [
+        {**loss, "lower_power": a, "upper_power": b} for a in (1.0, 1.5, 2.0) for b in (0.0, 0.5, 1.0, 2.0)
+    ]
+
+
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    term = drawn(p, *frame.speeds.T)
+    out = np.zeros((len(term), 6))
+    out[:, Load.UPPER_THRUST], out[:, Load.UPPER_TORQUE] = (
+        -p["thrust_loss_N"] * term,
+        -p["torque_loss_Nm"] * term,
+    )
     return out
 
 
-def _interference_refuse(p: Mapping[str, float]) -> str | None:
-    """It takes thrust; torque goes with it, by no more of an arm than rotors have."""
-    arm = p["torque_loss_Nm"] / max(p["thrust_loss_N"], 1e-9)
-    return outside("thrust_loss_N", p["thrust_loss_N"], 0.0, 1e4) or outside("arm", arm, -ARM_M, ARM_M, "m")
+def _arm(_: StandFrame | None, p: Numbers) -> Range:
+    """Torque goes with the thrust, by no more of an arm than rotors have."""
+    most = ARM_M * max(p["thrust_loss_N"], 1e-9)
+    return -most, most
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="lower_on_upper_interference",
-    stage=4,
-    physics="the lower rotor draws air through the upper one, which loses thrust",
-    source="coaxial momentum theory at finite spacing (Leishman and Ananthan 2006)",
     needs=("upper_rpm", "lower_rpm"),
     channels=(Load.UPPER_THRUST.channel, Load.UPPER_TORQUE.channel),
-    units={"thrust_loss_N": "N", "torque_loss_Nm": "N m", "lower_power": "1", "upper_power": "1"},
-    missing=lambda frame: (
-        None if float(np.ptp(frame.speeds[:, 1])) > 0.2 else "the lower rotor's speed hardly varies"
-    ),
-    shapes=lambda _: [
-        {"lower_power": a, "upper_power": b} for a in (1.0, 1.5, 2.0) for b in (0.0, 0.5, 1.0, 2.0)
-    ],
-    columns=_interference_columns,
-    parameters=lambda _, shape, c: {"thrust_loss_N": float(c[0]), "torque_loss_Nm": float(c[1]), **shape},
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k.endswith("power")},
-        np.array([p["thrust_loss_N"], p["torque_loss_Nm"]]),
-    ),
-    refuse=_interference_refuse,
-    cause=lambda frame, _, __: ("u_l", frame.speeds[:, 1]),
-    free=lambda _, __: {"lower_power": (0.4, 5.0), "upper_power": (0.0, 4.0)},
+    starts=_starts,
+    adds=_adds,
+    cause=lambda frame, *_: ("u_l", frame.speeds[:, 1]),
 )
 
 
@@ -81,17 +76,20 @@ def _static(vehicle: StaticVehicle, p: Numbers) -> str:
 EFFECT = PhysicalEffect(
     name="lower_on_upper_interference",
     stage=Stage.ROTOR,
+    place=2,
+    physics="the lower rotor draws air through the upper one, which loses thrust",
+    source="coaxial momentum theory at finite spacing (Leishman and Ananthan 2006)",
     parameters=(
-        Parameter("thrust_loss_N", "N", 0.0, 1e4,
+        Parameter("thrust_loss_N", "N", 0.0, 1e4, amount=True,
             source="wide: any value between the bounds; it goes with the rotors' size; momentum theory "
                    "bounds it by the upper rotor's thrust"),
-        Parameter("torque_loss_Nm", "N m", -3e3, 3e3,
+        Parameter("torque_loss_Nm", "N m", -3e3, 3e3, amount=True, within=_arm,
             source="wide: any value between the bounds; it goes with the rotors' size; an arm of 0.3 m "
                    "bounds it by the thrust"),
-        Parameter("lower_power", "1", 0.4, 5.0, (1.5, 0.7),
+        Parameter("lower_power", "1", 0.4, 5.0, (1.5, 0.7), moves=True,
             source="momentum theory (Leishman and Ananthan 2006): inflow goes with speed, its pressure "
                    "with the square"),
-        Parameter("upper_power", "1", 0.0, 4.0, (0.7, 0.7),
+        Parameter("upper_power", "1", 0.0, 4.0, (0.7, 0.7), moves=True,
             source="the upper rotor's answer to inflow goes with its speed (blade element theory: 1, 0 at "
                    "rest)"),
     ),

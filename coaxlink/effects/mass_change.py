@@ -7,52 +7,40 @@ mass. A payload that falls, or is taken up, shows by itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.onset import COMES, OVER, onset_limits, since
+from coaxlink.effects.onset import ONSET, since
+from coaxlink.effects.parameter import Linear
 from coaxlink.effects.static import StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside, present
+from coaxlink.effects.tracing import Array, Tracing
 from coaxlink.frames import FlightFrame
 
 
-def _columns(frame: FlightFrame, shape: Shape) -> Array:
-    out = np.zeros((len(frame.predicted), 6, 1))
-    out[:, :3, 0] = -frame.predicted[:, :3] * since(frame, shape)[:, None]
+def _adds(frame: FlightFrame, p: Numbers) -> Array:
+    out = np.zeros_like(frame.predicted)
+    less = _lost(frame, p, p["mass_kg"])
+    out[:, :3] = -frame.predicted[:, :3] * (less * since(frame, p))[:, None]
     return out
 
 
-def _parameters(frame: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    # m_declared / m = 1 - c
-    return {"mass_kg": float(frame.airframe.mass_kg / max(1.0 - c[0], 0.05)), **shape}
+def _lost(frame: FlightFrame, _: Numbers, mass_kg: float) -> float:
+    """Share of the declared mass's acceleration that this one does not have."""
+    return 1.0 - frame.airframe.mass_kg / mass_kg
 
 
-def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k in COMES}
-    return shape, np.array([1.0 - frame.airframe.mass_kg / p["mass_kg"]])
+def _mass(frame: FlightFrame, _: Numbers, lost: float) -> float:
+    return frame.airframe.mass_kg / max(1.0 - lost, 0.05)
 
 
 FLIGHT: Tracing[FlightFrame] = Tracing(
-    name="mass_change",
-    physics="the vehicle weighs something else than declared",
-    source="Newton's second law",
     needs=("accel_z_m_s2",),
     channels=("force_x", "force_y", "force_z"),
-    units={"mass_kg": "kg", "onset_s": "s", "over_s": "s"},
-    missing=present,
-    shapes=one_shape,
-    columns=_columns,
-    parameters=_parameters,
-    inverse=_inverse,
-    refuse=lambda p: outside("mass_kg", p["mass_kg"], 1e-3, 1e4, "kg"),
-    cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
-    nil=lambda frame: {"mass_kg": frame.airframe.mass_kg},
-    sudden=True,
-    stage=9,
-    free=onset_limits,
+    starts=lambda frame: [{"mass_kg": frame.airframe.mass_kg}],
+    adds=_adds,
+    cause=lambda frame, *_: ("total_thrust_N", frame.thrust.sum(axis=1)),
 )
 
 
@@ -64,12 +52,14 @@ def _static(vehicle: StaticVehicle, p: Numbers) -> str:
 EFFECT = PhysicalEffect(
     name="mass_change",
     stage=Stage.BODY,
+    place=2,
+    physics="the vehicle weighs something else than declared",
+    source="Newton's second law",
     parameters=(
-        Parameter("mass_kg", "kg", 1e-3, 1e4,
+        Parameter("mass_kg", "kg", 1e-3, 1e4, amount=Linear(_lost, _mass),
+            nil=lambda frame: frame.airframe.mass_kg,
             source="wide: any value between the bounds; a payload may be any; bounded by what flies at all"),
-        Parameter("onset_s", "s", 0.0, 1e6,
-            source="wide: any value between the bounds; the second of the log at which it began"),
-        OVER,
+        *ONSET,
     ),
     flight=FLIGHT,
     static=_static,

@@ -6,25 +6,27 @@ Model, 2007). Heat that was not logged is worked out from the throttle: a first-
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import LOAD, drivable, drive, loaded, turn
+from coaxlink.effects.parameter import Range
 from coaxlink.effects.static import LeftOut, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 HEAT_S = (30.0, 100.0, 300.0, 1000.0)
 # of speed in 100 K: remanence falls by 0.12 % a kelvin (NdFeB) to 0.2 % (ferrite; IEC 60404-8-1), and speed
 # without load goes with its inverse; a case is cooler than what is inside by up to a third (judgement)
-MAGNETS = (-0.3, 0.0)
+MAGNETS = -0.3
+OWN_S = (20.0, 60.0, 180.0)  # starts of the fit: windings of motors of 0.1 to 1 kg (judgement)
 
 
-def _heat(frame: StandFrame, shape: Shape) -> Array:
+def _heat(frame: StandFrame, p: Numbers) -> Array:
     """(rows,) winding temperature over 25 C in 100 K, or a first-order answer to u^3 if none was logged."""
-    if "memory_s" not in shape:
+    if "memory_s" not in p:
         logged = frame.context("motor_temperature_C")
         assert logged is not None
         return (logged - 25.0) / 100.0
@@ -32,7 +34,7 @@ def _heat(frame: StandFrame, shape: Shape) -> Array:
 
     power = np.sum(drive(frame) ** 3, axis=1)
     step = float(np.median(np.diff(frame.time_s)))
-    share = 1.0 - np.exp(-step / shape["memory_s"])
+    share = 1.0 - np.exp(-step / p["memory_s"])
     return np.asarray(lfilter([share], [1.0, share - 1.0], power))
 
 
@@ -44,35 +46,28 @@ def _no_heat(frame: StandFrame) -> str | None:
     return None if logged is not None else drivable(frame)
 
 
-def _heat_shapes(frame: StandFrame) -> Sequence[Shape]:
-    if frame.context("motor_temperature_C") is not None:
-        return [{}]
-    span = float(np.ptp(frame.time_s))
-    return [{"memory_s": s} for s in HEAT_S if s < span] or [{"memory_s": HEAT_S[0]}]
+def _starts(frame: StandFrame) -> Sequence[Numbers]:
+    """Both motors; windings above the case that carries the thermometer, each motor's by its own power; one.
 
-
-def magnet_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """Magnets that weaken with heat more than windings resist: a warm motor turns faster."""
-    return [{"magnets": 1.0}] if frame.context("motor_temperature_C") is not None else []
-
-
-def one_motor_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """One motor of the pair that warms up, a worn bearing's or a short one's: 0 the upper, 1 the lower."""
-    return [{**shape, "side": float(side)} for shape in _heat_shapes(frame) for side in (0, 1)]
-
-
-LOSSES = ("speed_loss_per_100K", "own_speed_loss")
-OWN_S = (20.0, 60.0, 180.0)  # starts of the fit: windings of motors of 0.1 to 1 kg (judgement)
-
-
-def winding_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """Windings above the case that carries the thermometer, each motor's by its own power.
-
-    Two nodes, winding and case (Mellor, Roberts and Turner 1991).
+    Two nodes, winding and case (Mellor, Roberts and Turner 1991). One motor of the pair: a worn bearing's, or
+    a short one's.
     """
-    if frame.context("motor_temperature_C") is None:
+    if why := _no_heat(frame):
+        raise NotShown(why)
+    loss: Numbers = {"speed_loss_per_100K": 0.05}
+    if frame.context("motor_temperature_C") is not None:
+        both, windings = [loss], [{**loss, "own_speed_loss": 0.05, "own_s": s} for s in OWN_S]
+    else:
+        span = float(np.ptp(frame.time_s))
+        memories = [s for s in HEAT_S if s < span] or [HEAT_S[0]]
+        both, windings = [{**loss, "memory_s": s} for s in memories], []
+    return [*both, *windings, *({**p, "side": float(side)} for p in both for side in (0, 1))]
+
+
+def _further(_: StandFrame, p: Numbers) -> Sequence[Numbers]:
+    if "load" in p:
         return []
-    return [{"own_s": s} for s in OWN_S]
+    return [{**p, "load": 0.1} if "own_s" in p else {**p, "load": 0.1, "fading": 0.1}]
 
 
 def _own_heat(frame: StandFrame, memory_s: float) -> Array:
@@ -94,21 +89,13 @@ def _own_heat(frame: StandFrame, memory_s: float) -> Array:
     return out
 
 
-def _heat_cause(frame: StandFrame, shape: Shape, channel: str) -> tuple[str, Array]:
-    if "memory_s" in shape:
-        return "heat put in", _heat(frame, shape)
-    if "own_s" in shape:
-        own = _own_heat(frame, shape["own_s"])
+def _cause(frame: StandFrame, p: Numbers, channel: str) -> tuple[str, Array]:
+    if "memory_s" in p:
+        return "heat put in", _heat(frame, p)
+    if "own_s" in p:
+        own = _own_heat(frame, p["own_s"])
         return "motor_temperature_C", own[:, 1 if channel.startswith("lower") else 0]
-    return "motor_temperature_C", 25.0 + 100.0 * _heat(frame, shape)
-
-
-def _heat_refuse(p: Mapping[str, float]) -> str | None:
-    # windings and magnets, of a motor and of its case, which shows the mean of both: of either sign
-    low, high = (MAGNETS[0], 1.0) if "own_s" in p else MAGNETS if "magnets" in p else (0.0, 1.0)
-    return outside("speed_loss_per_100K", p["speed_loss_per_100K"], low, high) or outside(
-        "own_speed_loss", p.get("own_speed_loss", 0.0), low, high
-    )
+    return "motor_temperature_C", 25.0 + 100.0 * _heat(frame, p)
 
 
 def _felt(p: Numbers, heat: Array) -> Array:
@@ -116,55 +103,27 @@ def _felt(p: Numbers, heat: Array) -> Array:
     return np.asarray(heat / (1.0 + p.get("fading", 0.0) * heat))
 
 
-def _heat_columns(frame: StandFrame, shape: Shape) -> Array:
-    if "own_s" in shape:
-        heat = [_heat(frame, {})[:, None], _own_heat(frame, shape["own_s"])]
-        felt_at = loaded(drive(frame), shape)
-        return np.stack([frame.slowed(-felt_at * h) for h in heat], axis=-1)
-    felt = np.tile(_felt(shape, _heat(frame, shape))[:, None], 2)
-    if "side" in shape:
-        felt[:, 1 - round(shape["side"])] = 0.0
-    return frame.slowed(-loaded(drive(frame), shape) * felt)[..., None]
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    lost = p["speed_loss_per_100K"] * np.tile(_felt(p, _heat(frame, p))[:, None], 2)
+    if "own_s" in p:
+        lost = lost + p["own_speed_loss"] * _own_heat(frame, p["own_s"])
+    if "side" in p:
+        lost[:, 1 - round(p["side"])] = 0.0
+    return frame.slowed(-loaded(drive(frame), p) * lost)
 
 
-def _heat_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    if "own_s" in shape:
-        return {"own_s": (5.0, 1000.0)} | ({"load": LOAD} if "load" in shape else {})
-    return {"load": LOAD, "fading": (-0.5, 2.0)} if "load" in shape else {}
-
-
-def _heat_variants(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    if "own_s" in shape:
-        return [] if "load" in shape else [({**shape, "load": 0.1}, c)]
-    return [] if "load" in shape else [({**shape, "load": 0.1, "fading": 0.1}, c)]
+def _losses(_: StandFrame | None, p: Numbers) -> Range:
+    """Windings resist; magnets weaken, and their motor turns faster. A case shows the mean of both."""
+    return (0.0 if {"memory_s", "side"} & set(p) else MAGNETS), 1.0
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="motor_heating",
-    stage=1,
-    physics="a warm winding has more resistance and its motor turns slower at the same throttle",
-    source="copper's temperature coefficient in the first-order motor model (Drela 2007)",
     needs=("motor_temperature_C",),
     channels=STAND_CHANNELS,
-    units={"speed_loss_per_100K": "1", "memory_s": "s", "load": "1", "fading": "1", "magnets": "1"}
-    | {"own_s": "s", "own_speed_loss": "1", "side": "1"},
-    missing=_no_heat,
-    shapes=lambda frame: [
-        *_heat_shapes(frame),
-        *magnet_shapes(frame),
-        *winding_shapes(frame),
-        *one_motor_shapes(frame),
-    ],
-    columns=_heat_columns,
-    parameters=lambda _, shape, c: {**dict(zip(LOSSES, map(float, c), strict=False)), **shape},
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k not in LOSSES},
-        np.array([p[name] for name in LOSSES if name in p]),
-    ),
-    refuse=_heat_refuse,
-    cause=_heat_cause,
-    free=_heat_free,
-    variants=_heat_variants,
+    starts=_starts,
+    further=_further,
+    adds=_adds,
+    cause=_cause,
 )
 
 
@@ -185,25 +144,24 @@ _TEMPERATURE_UNKNOWN = "speed follows the winding's temperature, which no mixer 
 EFFECT = PhysicalEffect(
     name="motor_heating",
     stage=Stage.DRIVE,
+    place=1,
+    physics="a warm winding has more resistance and its motor turns slower at the same throttle",
+    source="copper's temperature coefficient in the first-order motor model (Drela 2007)",
     parameters=(
-        Parameter("speed_loss_per_100K", "1", MAGNETS[0], 1.0, (0.05, 0.05),
+        Parameter("speed_loss_per_100K", "1", MAGNETS, 1.0, (0.05, 0.05), amount=True, within=_losses,
             source="39 % more resistance of copper for 100 K, times the tenth of the voltage assumed to "
                    "fall over it; less than nothing where magnets weaken more (IEC 60404-8-1)"),
-        Parameter("own_s", "s", 5.0, 1000.0,
-            source="wide: any value between the bounds; windings follow their current within minutes"),
-        Parameter("own_speed_loss", "1", MAGNETS[0], 1.0, (0.0, 0.05),
+        Parameter("own_speed_loss", "1", MAGNETS, 1.0, (0.0, 0.05), amount=True,
             source="as for the case, of a winding at most 100 K above it"),
-        Parameter("magnets", "1", 0.0, 1.0,
-            source="a switch, 0 or 1: magnets weaken more than windings resist"),
+        Parameter("own_s", "s", 5.0, 1000.0, moves=True,
+            source="wide: any value between the bounds; windings follow their current within minutes"),
         Parameter("side", "1", 0.0, 1.0,
             source="a number of the pair's rotors (0 upper, 1 lower), each as likely"),
         Parameter("memory_s", "s", 1.0, 10_000.0,
             source="wide: any value between the bounds; windings warm within a minute, cases within a "
                    "quarter of an hour"),
-        Parameter("load", "1", *LOAD,
-            source="wide: any value between the bounds; how resistance and load share the fall of speed "
-                   "goes with the motor"),
-        Parameter("fading", "1", -0.5, 2.0,
+        LOAD,
+        Parameter("fading", "1", -0.5, 2.0, moves=True,
             source="wide: any value between the bounds; current falls with the speed, and heat with it"),
     ),
     stand=STAND,

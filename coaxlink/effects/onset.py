@@ -2,57 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from coaxlink.effects.base import Parameter
-from coaxlink.effects.tracing import Array, Shape
+from coaxlink.effects.parameter import Numbers, Parameter, Range
+from coaxlink.effects.tracing import Array
 from coaxlink.frames import FlightFrame
 
-COMES = ("onset_s", "over_s")  # shape numbers: when, and how long it takes
-GRADUAL = (0.3, 0.9)  # of the rest of the flight: shares to begin a search with
+COMES = ("onset_s", "over_s")  # numbers: when, and how long it takes
 MARGIN_S = 3.0  # of flight on either side
+LONGEST_S = (0.0, 1e6)  # of a log
 
 
-def since(frame: FlightFrame, shape: Mapping[str, float]) -> Array:
-    """(rows,) 0 before the shape's onset, 1 behind it, straight between; 1 where it names none.
+def since(frame: FlightFrame, p: Numbers) -> Array:
+    """(rows,) 0 before the onset, 1 behind it, straight between; 1 where there is none.
 
     From 0 to 1 it takes `over_s`, a row at the least.
     """
-    if "onset_s" not in shape:
+    if "onset_s" not in p:
         return np.ones(len(frame.time_s))
     row = 1.0 / frame.rate_hz
-    over = max(shape.get("over_s", 0.0), row)
-    after: Array = np.clip((frame.time_s - shape["onset_s"] + 0.5 * row) / over, 0.0, 1.0)
+    over = max(p.get("over_s", 0.0), row)
+    after: Array = np.clip((frame.time_s - p["onset_s"] + 0.5 * row) / over, 0.0, 1.0)
     return after
 
 
-def onset_limits(frame: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    """Where the onset may lie: with some flight before and behind it; and how long it may take."""
-    if "onset_s" not in shape:
-        return {}
+def _flown(frame: FlightFrame) -> Range:
     flown = frame.time_s[frame.keep]
-    first, last = float(flown[0]), float(flown[-1])
-    if "over_s" not in shape:
-        return {"onset_s": (first + MARGIN_S, last - MARGIN_S)}
-    # gradual: it may have begun before the log did
-    return {"onset_s": (first, last - MARGIN_S), "over_s": (0.0, last - first)}
+    return float(flown[0]), float(flown[-1])
 
 
-def gradual(frame: FlightFrame, shape: Shape) -> list[Shape]:
-    """A sudden shape as one that comes gradually, over a part or the rest of the flight."""
-    if "onset_s" not in shape or "over_s" in shape:
-        return []
-    flown = frame.time_s[frame.keep]
-    left = float(flown[-1]) - shape["onset_s"]
-    return [{**shape, "over_s": share * left} for share in GRADUAL]
+def _when(frame: FlightFrame | None, p: Numbers) -> Range:
+    """With some flight before and behind it; what comes gradually may have begun before the log did."""
+    if frame is None:
+        return LONGEST_S
+    first, last = _flown(frame)
+    return first + (0.0 if "over_s" in p else MARGIN_S), last - MARGIN_S
 
 
-OVER = Parameter(
-    "over_s",
-    "s",
-    0.0,
-    1e5,
-    source="wide: any value between the bounds; the seconds that it took to come: a tank, a sliding load",
-)
+def _how_long(frame: FlightFrame | None, _: Numbers) -> Range:
+    if frame is None:
+        return LONGEST_S
+    first, last = _flown(frame)
+    return 0.0, last - first
+
+
+ONSET = (
+    Parameter("onset_s", "s", *LONGEST_S, moves=True, within=_when,
+        source="wide: any value between the bounds; the second of the log at which it began"),
+    Parameter("over_s", "s", *LONGEST_S, moves=True, within=_how_long,
+        source="wide: any value between the bounds; the seconds that it took: a tank, a sliding load"),
+)  # fmt: skip

@@ -10,20 +10,16 @@ from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.static import LeftOut, Loads, StaticVehicle
-from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
 SPACING_M = (1e-3, 10.0)  # a rotor's thickness, and more than any pair has
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
-COEFFICIENTS = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")
-OF_LOADS = {
-    "alike": ("loads_share",),
-    "whole": ("loads_share", "torque_loads_share"),
-    "each": ("loads_share", "torque_loads_share", "upper_loads_share", "upper_torque_loads_share"),
-}
-SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
+WAKE = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")  # the lower rotor's wake, not its loads
+# of the lower rotor's loads, of the upper one's; the first alone: all four alike
+OF_LOADS = ("loads_share", "torque_loads_share", "upper_loads_share", "upper_torque_loads_share")
 
 
 def _spacing(frame: StandFrame) -> Array:
@@ -54,105 +50,70 @@ def spread(p: Numbers, relative: ArrayLike) -> Array:
     return np.asarray(change - p.get("apart", 0.0))
 
 
-def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
-    lower = list(of_rotor(1))
-    nuisance = frame.loads_at(frame.speeds)[:, lower]
-    alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))[:, lower]
-    wake = nuisance - alone  # negative: what the lower rotor loses
-    change = spread(shape, _spacing(frame))
-    if "alike" in shape:
-        pair = np.zeros((len(frame.time_s), 6, 1))
-        pair[:, :4, 0] = frame.predicted[:, :4] * change[:, None]
-        return pair
-    if "whole" in shape or "each" in shape:
-        own = lower if "whole" in shape else [*lower, *of_rotor(0)]
-        out = np.zeros((len(frame.time_s), 6, len(own)))
-        for k, load in enumerate(own):
-            out[:, load, k] = frame.predicted[:, load] * change
+def share_of(p: Numbers, load: Load) -> float:
+    """By how much of itself a load changes with the spacing; the first share alone: all alike."""
+    if not set(OF_LOADS[1:]) & set(p):
+        return p["loads_share"]
+    return p.get(dict(zip((*of_rotor(1), *of_rotor(0)), OF_LOADS, strict=True))[load], 0.0)
+
+
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    change, out = spread(p, _spacing(frame)), np.zeros((len(frame.time_s), 6))
+    if "loads_share" in p:
+        for load in Load:
+            out[:, load] = share_of(p, load) * change * frame.predicted[:, load]
         return out
-    out = np.zeros((len(frame.time_s), 6, 3))
-    out[:, Load.LOWER_THRUST, 0] = -wake[:, 0] * change
-    out[:, Load.LOWER_TORQUE, 1] = -wake[:, 1] * change
-    out[:, Load.UPPER_THRUST, 2] = frame.speeds[:, 1] ** 2 * change
+    lower = list(of_rotor(1))
+    alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))
+    wake = (frame.loads_at(frame.speeds) - alone)[:, lower]  # negative: what the lower rotor loses
+    for k, (load, name) in enumerate(zip(lower, WAKE, strict=False)):
+        out[:, load] = -p[name] * wake[:, k] * change
+    out[:, Load.UPPER_THRUST] = p["upper_gain_N"] * frame.speeds[:, 1] ** 2 * change
     return out
 
 
-def _spacing_variants(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
-    levels = len(np.unique(np.round(_spacing(frame), 2)))
-    forms: list[tuple[Shape, Array]] = []
-    if "decay" not in shape and levels > 2:
-        forms.append(({**shape, "decay": 1.0}, c))
-    bare = {k: v for k, v in shape.items() if k not in ("apart", *OF_LOADS)}
-    if not {*shape} & {*OF_LOADS}:
-        forms += [({**bare, form: 1.0}, np.zeros(len(OF_LOADS[form]))) for form in ("whole", "each")]
-    elif "whole" in shape:  # the upper loads may go with it too
-        forms.append(({**bare, "each": 1.0}, np.array([*c, 0.0, 0.0])))
-    return forms
-
-
-def _names(p: Numbers) -> tuple[str, ...]:
-    """Of the coefficients."""
-    return next((names for form, names in OF_LOADS.items() if form in p), COEFFICIENTS)
-
-
-def alike_shapes(frame: StandFrame) -> list[Shape]:
-    """Both rotors gain or lose by one share (each draws less through the other), or the lower one alone.
+def _starts(frame: StandFrame) -> list[Numbers]:
+    """The wake; both rotors by one share (each draws less through the other); the lower one alone.
 
     Not each load by its own, which is what a fit comes to by itself: a rival with three numbers more would be
     behind what one number explains as well.
     """
-    forms: tuple[Shape, ...] = ({}, {"decay": 1.0})
-    alike = [{"alike": 1.0, **place, **form} for place in _places(frame) for form in forms]
-    return [*alike, *({"whole": 1.0, **form} for form in forms)]
+    if why := _no_spacing(frame):
+        raise NotShown(why)
+    # where the nuisance model may hold
+    places: list[Numbers] = [{}] if frame.free_nuisance else [{"apart": a} for a in APART]
+    ways: tuple[Numbers, ...] = ({}, {"decay": 1.0})
+    return [
+        *({**dict.fromkeys(WAKE, 0.1), **place} for place in places),
+        *({"loads_share": 0.1, **place, **way} for place in places for way in ways),
+        *({**dict.fromkeys(OF_LOADS[:2], 0.1), **way} for way in ways),
+    ]
 
 
-def _places(frame: StandFrame) -> list[Shape]:
-    """Where the nuisance model may hold."""
-    return [{}] if frame.free_nuisance else [{"apart": a} for a in APART]
+def _further(frame: StandFrame, p: Numbers) -> list[Numbers]:
+    forms: list[Numbers] = []
+    if "decay" not in p and len(np.unique(np.round(_spacing(frame), 2))) > 2:
+        forms.append({**p, "decay": 1.0})
+    decay = {k: v for k, v in p.items() if k == "decay"}
+    if "loads_share" not in p:
+        forms += [{**dict.fromkeys(names, 0.0), **decay} for names in (OF_LOADS[:2], OF_LOADS)]
+    elif OF_LOADS[1] in p and OF_LOADS[2] not in p:  # the upper loads may go with it too
+        forms.append({**p, **dict.fromkeys(OF_LOADS[2:], 0.0)})
+    return forms
 
 
-def _spacing_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
-    reference = float(np.median(frame.columns["rotor_spacing_m"]))  # where the nuisance model holds
-    values = dict(zip(_names(shape), map(float, c), strict=True))
-    return {**shape, "wake_thrust_share": 0.0, **values, "reference_spacing_m": reference}
-
-
-def _spacing_inverse(_: StandFrame, p: Numbers) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k in (*SPACING, *OF_LOADS)}
-    return shape, np.array([p[k] for k in _names(p)])
+def _no_wake(_: StandFrame, p: Numbers) -> float | None:
+    """Of whole loads: the wake's part is in them."""
+    return 0.0 if "loads_share" in p else None
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="rotor_spacing",
-    stage=2,
-    physics="further apart, the wake has contracted more and the rotors disturb each other less",
-    source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     needs=("rotor_spacing_m",),
     channels=STAND_LOADS,
-    units={
-        "wake_thrust_share": "1",
-        "wake_torque_share": "1",
-        "upper_gain_N": "N",
-        "reference_spacing_m": "m",
-        "decay": "1",
-        "apart": "1",
-        "alike": "1",
-        "whole": "1",
-        "loads_share": "1",
-        "each": "1",
-        "torque_loads_share": "1",
-        "upper_loads_share": "1",
-        "upper_torque_loads_share": "1",
-    },
-    missing=_no_spacing,
-    shapes=lambda frame: [*_places(frame), *alike_shapes(frame)],
-    columns=_spacing_columns,
-    parameters=_spacing_parameters,
-    inverse=_spacing_inverse,
-    refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
-    cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
-    free=lambda _, shape: {name: limit for name, limit in SPACING.items() if name in shape},
-    variants=_spacing_variants,
+    starts=_starts,
+    further=_further,
+    adds=_adds,
+    cause=lambda frame, *_: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
 )
 
 
@@ -169,11 +130,8 @@ def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     def change(model: RotorModel, loads: Loads) -> Loads:
         alone = model.loads(np.zeros_like(loads.lower), loads.lower)
         wake, drag = (loads[load] - alone[load] for load in of_rotor(1))
-        if "alike" in p:
-            return loads.plus({load: p["loads_share"] * off * loads[load] for load in Load})
-        if "whole" in p or "each" in p:
-            named = zip((*of_rotor(1), *of_rotor(0)), OF_LOADS["each"], strict=True)
-            return loads.plus({load: p.get(name, 0.0) * off * loads[load] for load, name in named})
+        if "loads_share" in p:
+            return loads.plus({load: share_of(p, load) * off * loads[load] for load in Load})
         return loads.plus({
             Load.UPPER_THRUST: p.get("upper_gain_N", 0.0) * off * loads.lower**2,
             Load.LOWER_THRUST: -p["wake_thrust_share"] * off * wake,
@@ -188,29 +146,25 @@ _NO_REFERENCE = "the file does not say at which spacing its base holds"
 EFFECT = PhysicalEffect(
     name="rotor_spacing",
     stage=Stage.ROTOR,
+    physics="further apart, the wake has contracted more and the rotors disturb each other less",
+    source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     parameters=(
-        Parameter("wake_thrust_share", "1", -3.0, 3.0, (0.0, 0.5),
+        Parameter("wake_thrust_share", "1", -3.0, 3.0, (0.0, 0.5), amount=True, follows=_no_wake,
             source="assumed: less than half of the wake's cost for twice the spacing"),
-        Parameter("wake_torque_share", "1", -10.0, 10.0, (0.0, 0.5),
+        Parameter("wake_torque_share", "1", -10.0, 10.0, (0.0, 0.5), amount=True,
             source="assumed: less than half of the wake's cost for twice the spacing"),
-        Parameter("upper_gain_N", "N", -1e4, 1e4,
+        Parameter("upper_gain_N", "N", -1e4, 1e4, amount=True,
             source="wide: any value between the bounds; it goes with the rotors' size"),
-        Parameter("loads_share", "1", -3.0, 3.0, (0.0, 0.2),
-            source="assumed: less than a fifth of a rotor's load for twice the spacing"),
-        *(Parameter(name, "1", -3.0, 3.0, (0.0, 0.2),
+        *(Parameter(name, "1", -3.0, 3.0, (0.0, 0.2), amount=True,
             source="assumed: less than a fifth of a rotor's load for twice the spacing")
-          for name in OF_LOADS["each"][1:]),
-        Parameter("alike", "1", 0.0, 1.0, source="a switch, 0 or 1: both rotors by the same share"),
-        Parameter("whole", "1", 0.0, 1.0,
-            source="a switch, 0 or 1: the lower rotor's whole loads go with it, not its wake's part"),
-        Parameter("each", "1", 0.0, 1.0,
-            source="a switch, 0 or 1: each of the four loads goes with it by its own share"),
+          for name in OF_LOADS),
         Parameter("reference_spacing_m", "m", 1e-3, 100.0,
+            follows=lambda frame, _: float(np.median(frame.columns["rotor_spacing_m"])),
             source="wide: any value between the bounds; spacings are the builder's choice"),
-        Parameter("decay", "1", *SPACING["decay"],
+        Parameter("decay", "1", 0.05, 8.0, moves=True,
             source="wide: any value between the bounds; a wake contracts within 0.3 to 1 radius (Leishman "
                    "2006, ch. 2), of spacings that differ"),
-        Parameter("apart", "1", *SPACING["apart"],
+        Parameter("apart", "1", -0.5, 0.5, moves=True,
             source="wide: any value between the bounds; the model may be of another spacing than the log's"),
     ),
     stand=STAND,

@@ -5,60 +5,48 @@ Source: creep (a power of time, Findley 1944) and warm-up of strain gauges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
-from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_LOADS, StandFrame
 
 MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
-FREE = {
-    "memory": (0.01, 4.0),
-    "since": (0.02, 0.9),
-    "power": (0.2, 3.0),
-    "cycles": (0.5, 12.0),
-    "phase": (-0.5, 1.0),
-    "slope": (-3.0, 3.0),
-}
 # a room that is heated in turns: a run sees some of them; from less than a quarter off a step finds it
 CYCLES, PHASES = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0), (0.0, 0.125, 0.25, 0.375)
 BEGINNINGS = (0.2, 0.5)  # of the run
-DRIFT = ("per_minute", "zero", "settling_per_minute")
-ALSO, SPAN = "also_", "span_per_minute"
+ALSO, SETTLING, SPAN = "also_", "settling_per_minute", "span_per_minute"
+DRIFT = ("per_minute", "zero", SETTLING, SPAN)
 ROOM, ROOM_SPAN = "drift", "span"
-CELLS = {f"cell{n}_{kind}": n for n in range(4) for kind in (ROOM, "zero", ROOM_SPAN)}
 PAUSE, PAUSE_S = 20.0, 30.0  # times the usual step, and seconds: a stand that is started anew is tared
 
 
-def _drift_shapes(frame: StandFrame) -> Sequence[Shape]:
-    forms: list[dict[str, float]] = [{}, *({"memory": m} for m in MEMORIES)]
-    if np.any(_pauses(frame)):
-        forms += [{**form, "tared": 1.0} for form in forms]
-    return [{"channel": float(c), **form} for c in frame.present if c < 4 for form in forms]
-
-
-def amplifier_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """One amplifier or supply of all cells whose factor warms up: every load by the same share."""
-    forms: list[dict[str, float]] = [{}, *({"memory": m} for m in MEMORIES)]
-    if np.any(_pauses(frame)):
-        forms += [{**form, "tared": 1.0} for form in forms]
-    return [{"amplifier": 1.0, **form} for form in forms]
-
-
-def room_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """One room about all cells: their zeros follow one trend, each by a number of its own.
+def _starts(frame: StandFrame) -> Sequence[Numbers]:
+    """One cell's zero; the factor of an amplifier or supply of all, every load by the same share; a room.
 
     A cell's zero goes with its temperature (OIML R 60: so much of a division in 5 K), and four cells of one
-    stand stand in one room, which is heated once or in turns.
+    stand stand in one room, which is heated once or in turns: their zeros follow one trend, each by its own.
     """
-    forms: list[dict[str, float]] = [{}, {"power": 0.5}, *({"memory": m} for m in MEMORIES)]
-    if np.any(_pauses(frame)):
-        forms += [{**form, "tared": 1.0} for form in forms]
-    forms += [{"cycles": c, "phase": p, "slope": 0.0} for c in CYCLES for p in PHASES]
-    return [{"room": float(sum(c < 4 for c in frame.present)), **form} for form in forms]
+    if why := _no_clock(frame):
+        raise NotShown(why)
+    cells = [c for c in frame.present if c < 4]
+    ways = _tared(frame, [{}, *({"memory": m} for m in MEMORIES)])
+    rooms = _tared(frame, [{}, {"power": 0.5}, *({"memory": m} for m in MEMORIES)])
+    rooms += [{"cycles": c, "phase": p, "slope": 0.0} for c in CYCLES for p in PHASES]
+    each = {f"cell{n}_{kind}": 0.0 for n in range(len(cells)) for kind in (ROOM, "zero")}
+    return [
+        *({"channel": float(c), "per_minute": 0.0, "zero": 0.0, **way} for c in cells for way in ways),
+        *({SPAN: 0.0, **way} for way in ways),
+        *({**each, **way} for way in rooms if each),
+    ]
+
+
+def _tared(frame: StandFrame, ways: list[Numbers]) -> list[Numbers]:
+    """The ways, and where the run had pauses the same of a stand that is tared behind each."""
+    return ways + [{**way, "tared": 1.0} for way in ways] if np.any(_pauses(frame)) else ways
 
 
 def _pauses(frame: StandFrame) -> NDArray[np.bool_]:
@@ -68,121 +56,93 @@ def _pauses(frame: StandFrame) -> NDArray[np.bool_]:
     return np.asarray(step > np.maximum(PAUSE * usual, PAUSE_S))
 
 
-def _elapsed(frame: StandFrame, shape: Shape) -> Array:
+def _elapsed(frame: StandFrame, p: Numbers) -> Array:
     """(rows,) seconds since the cells' zeros were set."""
-    if "tared" not in shape:
+    if "tared" not in p:
         return frame.time_s - frame.time_s[0]
     rows = np.arange(len(frame.time_s))
     return frame.time_s - frame.time_s[np.maximum.accumulate(np.where(_pauses(frame), rows, 0))]
 
 
-def _room_columns(frame: StandFrame, shape: Shape) -> Array:
-    """(rows, 6, K): of every cell the room's trend, a zero and, with a `span`, the trend of its factor."""
-    elapsed = _elapsed(frame, shape)
+def _room(elapsed: Array, p: Numbers) -> Array:
+    """(rows,) a room's trend, from 0 at the start of a run to about 1."""
     along = elapsed / max(float(np.max(elapsed)), 1e-9)
-    if "cycles" in shape:
-        turns = shape["cycles"] * (along - 0.5) - shape["phase"]
-        trend = np.cos(2.0 * np.pi * turns) + shape["slope"] * along
-    elif "memory" in shape:
-        trend = -np.expm1(-along / shape["memory"])
-    else:
-        trend = along ** shape.get("power", 1.0)
-    cells = [c for c in frame.present if c < 4]
-    each = 3 if "span" in shape else 2
-    out = np.zeros((len(along), 6, each * len(cells)))
-    for n, cell in enumerate(cells):
-        out[:, cell, n * each] = trend
-        out[:, cell, n * each + 1] = 1.0
-        if "span" in shape:
-            out[:, cell, n * each + 2] = trend * frame.predicted[:, cell]
-    return out
+    if "cycles" in p:
+        turns = p["cycles"] * (along - 0.5) - p["phase"]
+        return np.asarray(np.cos(2.0 * np.pi * turns) + p["slope"] * along)
+    if "memory" in p:
+        return np.asarray(-np.expm1(-along / p["memory"]))
+    return np.asarray(along ** p.get("power", 1.0))
 
 
-def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
-    if "room" in shape:
-        return _room_columns(frame, shape)
-    elapsed = _elapsed(frame, shape)
+def _trends(elapsed: Array, p: Numbers) -> tuple[Array, Array]:
+    """(rows,) minutes of drift, and those of what settles beside it (the same where nothing does)."""
     span = max(float(np.max(elapsed)), 1e-9)
-    began = np.maximum(elapsed - shape.get("since", 0.0) * span, 0.0)
-    trends = [span / 60.0 * (began / span) ** shape.get("power", 1.0)]
-    if "memory" in shape:
-        memory = shape["memory"] * span
-        settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
-        trends = [elapsed / 60.0, settling] if "creep" in shape else [settling]
-    if "amplifier" in shape:
-        out = np.zeros((len(elapsed), 6, 1))
-        out[:, :4, 0] = trends[0][:, None] * frame.predicted[:, :4]
+    if "memory" not in p:
+        began = np.maximum(elapsed - p.get("since", 0.0) * span, 0.0)
+        drift = span / 60.0 * (began / span) ** p.get("power", 1.0)
+        return drift, drift
+    memory = p["memory"] * span
+    settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
+    return (elapsed / 60.0 if SETTLING in p else settling), settling
+
+
+def _adds(frame: StandFrame, p: Numbers) -> Array:
+    elapsed, out = _elapsed(frame, p), np.zeros((len(frame.time_s), 6))
+    if "cell0_zero" in p:
+        trend = _room(elapsed, p)
+        for n, cell in enumerate(c for c in frame.present if c < 4):
+            out[:, cell] = p[f"cell{n}_{ROOM}"] * trend + p[f"cell{n}_zero"]
+            out[:, cell] += p.get(f"cell{n}_{ROOM_SPAN}", 0.0) * trend * frame.predicted[:, cell]
         return out
-    # the nuisance model may hold no constant: the zero at the start comes with the drift
-    cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
-    trends = [trends[0], np.ones(len(elapsed)), *trends[1:]]
-    each = len(trends) + ("span" in shape)
-    out = np.zeros((len(elapsed), 6, each * len(cells)))
-    for n, cell in enumerate(cells):
-        for k, trend in enumerate(trends):
-            out[:, cell, n * each + k] = trend
-        if "span" in shape:  # a gauge that warms up changes its factor with its zero
-            out[:, cell, n * each + each - 1] = (
-                trends[-1 if "creep" in shape else 0] * frame.predicted[:, cell]
-            )
+    drift, settling = _trends(elapsed, p)
+    if "channel" not in p:
+        out[:, :4] = p[SPAN] * drift[:, None] * frame.predicted[:, :4]
+        return out
+    for name, before in (("channel", ""), ("also", ALSO)):
+        if name in p:
+            cell = int(p[name])
+            # the nuisance model may hold no constant: the zero at the start comes with the drift
+            out[:, cell] = p[before + "per_minute"] * drift + p[before + "zero"]
+            out[:, cell] += p.get(before + SETTLING, 0.0) * settling
+            # a gauge that warms up changes its factor with its zero
+            out[:, cell] += p.get(before + SPAN, 0.0) * settling * frame.predicted[:, cell]
     return out
 
 
-def _drift_variants(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _further(frame: StandFrame, p: Numbers) -> Sequence[Numbers]:
     """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
-    forms: list[tuple[Shape, Array]] = []
-    if "room" in shape:
-        if "span" in shape:
+    steady = {k: v for k, v in p.items() if k not in ("memory", "power")}
+    forms: list[Numbers] = []
+    if "cell0_zero" in p:
+        if f"cell0_{ROOM_SPAN}" in p:
             return []
-        cells = np.reshape(c, (-1, 2))
-        with_span = np.column_stack([cells, np.zeros(len(cells))]).ravel()
-        trends: list[dict[str, float]] = [] if "cycles" in shape else [{"power": 0.6}, {"memory": 0.3}]
-        bare = {k: v for k, v in shape.items() if k not in ("memory", "power")}
-        forms += [({**bare, **way}, c) for way in trends if not set(way) & set(shape)]
-        return [*forms, *(({**form, "span": 1.0}, with_span) for form, _ in [(shape, c), *forms])]
-    if "amplifier" in shape:
-        steady = {k: v for k, v in shape.items() if k not in ("memory", "power")}
-        ways = ({"memory": 0.1}, {"memory": 0.3}, {"power": 0.6})
-        return [({**steady, **way}, c) for way in ways if set(way) - set(shape)]
-    cells = np.reshape(c, (2 if "also" in shape else 1, -1))
-    if not {"creep", "since", "power", "span"} & set(shape):
-        steady = {k: v for k, v in shape.items() if k != "memory"}
-        forms += [({**steady, "since": s}, c) for s in BEGINNINGS]
-        forms.append(({**steady, "power": 0.6}, c))
-        memory = shape.get("memory", 0.3)
-        if "memory" not in shape:
-            forms.append(({**shape, "memory": memory}, c))
-        first = np.column_stack([0.5 * cells[:, 0], cells[:, 1], 0.5 * cells[:, 0]]).ravel()
-        forms += [({**shape, "memory": m, "creep": 1.0}, first) for m in (memory, 0.1)]
-    if "span" not in shape:
-        forms.append(({**shape, "span": 1.0}, np.column_stack([cells, np.zeros(len(cells))]).ravel()))
-    if "also" not in shape:
-        others = [k for k in frame.present if k < 4 and k != int(shape["channel"])]
-        both = [(shape, c), *forms[-1:]]
+        ways: list[Numbers] = [] if "cycles" in p else [{"power": 0.6}, {"memory": 0.3}]
+        forms = [{**steady, **way} for way in ways if not set(way) & set(p)]
+        spans = {f"cell{n}_{ROOM_SPAN}": 0.0 for n in range(4) if f"cell{n}_zero" in p}
+        return [*forms, *({**form, **spans} for form in [p, *forms])]
+    if "channel" not in p:
+        ways = [{"memory": 0.1}, {"memory": 0.3}, {"power": 0.6}]
+        return [{**steady, **way} for way in ways if not set(way) & set(p)]
+    befores = ("", ALSO) if "also" in p else ("",)
+    if not {SETTLING, "since", "power", SPAN} & set(p):
+        memory = p.get("memory", 0.3)
+        forms += [{**steady, "since": s} for s in BEGINNINGS]
+        forms.append({**steady, "power": 0.6})
+        if "memory" not in p:
+            forms.append({**p, "memory": memory})
+        halves = {b + n: 0.5 * p[b + "per_minute"] for b in befores for n in ("per_minute", SETTLING)}
+        forms += [{**p, **halves, "memory": m} for m in (memory, 0.1)]
+    if SPAN not in p:
+        forms.append({**p, **{b + SPAN: 0.0 for b in befores}})
+    if "also" not in p:
+        others = [k for k in frame.present if k < 4 and k != int(p["channel"])]
         forms += [
-            ({**form, "also": float(k)}, np.concatenate([x, 0.01 * x])) for form, x in both for k in others
+            {**form, "also": float(k), **{ALSO + n: 0.01 * form[n] for n in DRIFT if n in form}}
+            for form in [p, *forms[-1:]]
+            for k in others
         ]
     return forms
-
-
-def _drift_names(shape: Shape) -> tuple[str, ...]:
-    if "room" in shape:
-        kinds = (ROOM, "zero", ROOM_SPAN) if "span" in shape else (ROOM, "zero")
-        return tuple(f"cell{n}_{kind}" for n in range(round(shape["room"])) for kind in kinds)
-    if "amplifier" in shape:
-        return (SPAN,)
-    names = DRIFT if "creep" in shape else DRIFT[:2]
-    names = (*names, SPAN) if "span" in shape else names
-    return (*names, *(ALSO + n for n in names)) if "also" in shape else names
-
-
-def _drift_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in (*DRIFT, SPAN) and k not in CELLS}
-    return shape, np.array([p[name] for name in _drift_names(shape)])
-
-
-def _drift_carried(shape: Shape) -> tuple[int, ...]:
-    return tuple(k for k, name in enumerate(_drift_names(shape)) if name.endswith("zero"))
 
 
 def _no_clock(frame: StandFrame) -> str | None:
@@ -192,41 +152,12 @@ def _no_clock(frame: StandFrame) -> str | None:
 
 
 STAND: Tracing[StandFrame] = Tracing(
-    name="sensor_drift",
-    stage=8,
-    physics="a load cell's zero wanders with time, its factor may with it",
-    source="creep (a power of time, Findley 1944) and warm-up of strain gauges",
     needs=("time_s",),
     channels=STAND_LOADS,
-    units={
-        "channel": "1",
-        "also": "1",
-        "memory": "1",
-        "creep": "1",
-        "since": "1",
-        "power": "1",
-        "tared": "1",
-        "span": "1",
-        "amplifier": "1",
-        "room": "1",
-        "cycles": "1",
-        "phase": "1",
-        "slope": "1",
-        SPAN: "1/min",
-        ALSO + SPAN: "1/min",
-    }
-    | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)}
-    | {name: "1" if name.endswith(ROOM_SPAN) else "N or N m" for name in CELLS},
-    missing=_no_clock,
-    shapes=lambda frame: [*_drift_shapes(frame), *amplifier_shapes(frame), *room_shapes(frame)],
-    columns=_drift_columns,
-    parameters=lambda _, shape, c: {**shape, **dict(zip(_drift_names(shape), map(float, c), strict=True))},
-    inverse=_drift_inverse,
-    refuse=lambda p: None,
-    cause=lambda frame, _, __: ("time_s", frame.time_s),
-    free=lambda _, shape: {k: limits for k, limits in FREE.items() if k in shape},
-    variants=_drift_variants,
-    carried=_drift_carried,
+    starts=_starts,
+    further=_further,
+    adds=_adds,
+    cause=lambda frame, *_: ("time_s", frame.time_s),
 )
 
 
@@ -234,49 +165,48 @@ _OF_THE_STAND = "a property of the stand's cells, not of the rotors"
 EFFECT = PhysicalEffect(
     name="sensor_drift",
     stage=Stage.INSTRUMENT,
+    physics="a load cell's zero wanders with time, its factor may with it",
+    source="creep (a power of time, Findley 1944) and warm-up of strain gauges",
     parameters=(
         *(
-            Parameter(before + name, "N or N m", -1e4, 1e4,
+            Parameter(before + name, "N or N m", -1e4, 1e4, amount=True,
                 source="wide: any value between the bounds; creep and warm-up go with a cell's range and "
                        "class")
-            for name in DRIFT
             for before in ("", ALSO)
+            for name in DRIFT[:3]
         ),
-        Parameter("channel", "1", 0.0, 3.0,
-            source="a number of the stand's loads (0 upper thrust ... 3 lower torque), each as likely"),
-        Parameter("also", "1", 0.0, 3.0,
-            source="a number of the stand's loads (0 upper thrust ... 3 lower torque), each as likely"),
-        Parameter("memory", "1", *FREE["memory"],
-            source="wide: any value between the bounds; cells warm up in minutes, runs last from seconds "
-                   "to hours"),
-        Parameter("creep", "1", 0.0, 1.0, source="a switch, 0 or 1: it settles and creeps on"),
-        Parameter("since", "1", *FREE["since"],
-            source="wide: any value between the bounds; the share of the run after which it began"),
-        Parameter("power", "1", *FREE["power"],
-            source="wide: any value between the bounds; creep goes with a power of time (Findley 1944), "
-                   "warm-up steeper at first"),
         *(
-            Parameter(before + SPAN, "1/min", -10.0, 10.0,
+            Parameter(before + SPAN, "1/min", -10.0, 10.0, amount=True,
                 source="wide: any value between the bounds; a cell's factor warms up with its zero")
             for before in ("", ALSO)
         ),
-        Parameter("tared", "1", 0.0, 1.0, source="a switch, 0 or 1: its zero is set at every start"),
-        Parameter("span", "1", 0.0, 1.0, source="a switch, 0 or 1: its factor drifts with its zero"),
         *(
-            Parameter(name, "1" if name.endswith(ROOM_SPAN) else "N or N m", -1e4, 1e4,
+            Parameter(f"cell{n}_{kind}", "1" if kind == ROOM_SPAN else "N or N m", -1e4, 1e4, amount=True,
                 source="wide: any value between the bounds; how a cell answers its room's temperature goes "
                        "with its range and class")
-            for name in CELLS
+            for n in range(4)
+            for kind in (ROOM, "zero", ROOM_SPAN)
         ),
-        Parameter("room", "1", 0.0, 4.0,
-            source="a number of the stand's cells (one to four), whose zeros all follow the room"),
-        Parameter("cycles", "1", *FREE["cycles"],
+        *(
+            Parameter(name, "1", 0.0, 3.0,
+                source="a number of the stand's loads (0 upper thrust ... 3 lower torque), each as likely")
+            for name in ("channel", "also")
+        ),
+        Parameter("memory", "1", 0.01, 4.0, moves=True,
+            source="wide: any value between the bounds; cells warm up in minutes, runs last from seconds "
+                   "to hours"),
+        Parameter("since", "1", 0.02, 0.9, moves=True,
+            source="wide: any value between the bounds; the share of the run after which it began"),
+        Parameter("power", "1", 0.2, 3.0, moves=True,
+            source="wide: any value between the bounds; creep goes with a power of time (Findley 1944), "
+                   "warm-up steeper at first"),
+        Parameter("cycles", "1", 0.5, 12.0, moves=True,
             source="wide: any value between the bounds; times that a room was heated while the run lasted"),
-        Parameter("phase", "1", *FREE["phase"],
+        Parameter("phase", "1", -0.5, 1.0, moves=True,
             source="wide: any value between the bounds; where in its turn the heating was in mid-run"),
-        Parameter("slope", "1", *FREE["slope"],
+        Parameter("slope", "1", -3.0, 3.0, moves=True,
             source="wide: any value between the bounds; a room that warms up besides"),
-        Parameter("amplifier", "1", 0.0, 1.0, source="a switch, 0 or 1: the factor of all cells drifts"),
+        Parameter("tared", "1", 0.0, 1.0, source="a switch, 0 or 1: its zero is set at every start"),
     ),
     stand=STAND,
     no_static=_OF_THE_STAND,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from coaxlink.airframe import load_airframe
 from coaxlink.effects import effect, effects
+from coaxlink.effects.base import FORMERLY
 from coaxlink.effects.static import Conditions
 from coaxlink.errors import InputError
 from coaxlink.load import Load
@@ -65,7 +66,7 @@ def load_rotors(path: Path) -> RotorModel:
         if meant := misspelt(named.name, [e.name for e in effects()]):
             raise InputError(path, f"effects[{count}].name", f"{named.name}: unknown; {meant}?")
         known = effect(named.name)
-        odd = unknown_key(named.parameters, known.units) if known else None
+        odd = unknown_key(named.parameters, known.units.keys() | FORMERLY) if known else None
         if odd is not None:
             raise InputError(path, f"effects[{count}].parameters.{odd[0]}", odd[1])
     return model

@@ -26,7 +26,7 @@ def test_a_cell_with_play_remembers_its_load_on_points_visited_in_random_order(r
     read = FULL_RPM * speeds + 2.0 * random.standard_normal(speeds.shape)
     columns = {"upper_rpm": read[:, 0], "lower_rpm": read[:, 1], **dict(zip(LOADS, loads, strict=True))}
     frame = stand_frame(Samples(columns, "map"), None)
-    shape = {rotor: 1.0, "load": 1.0, "power": 0.0, "reach": 0.06, "spread": 1.8}
-    added = hysteresis.STAND.columns(frame, shape)
-    assert np.corrcoef(added[:, cell, 0], behind)[0, 1] > 0.9
+    numbers = {rotor: 1.0, "load": 1.0, "power": 0.0, "reach": 0.06, "spread": 1.8}
+    added = hysteresis.STAND.contribution(frame, numbers | {"thrust_share": 0.1, "torque_share": 0.0})
+    assert np.corrcoef(added[:, cell], behind)[0, 1] > 0.9
     assert not np.any(added[:, 2 - cell])  # the other rotor's slide is another one

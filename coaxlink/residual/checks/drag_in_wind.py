@@ -50,7 +50,7 @@ def _apart(frame: Any, joint: Joint) -> list[Member] | None:
     if place is None or any(m.name == "rotor_drag" for m in joint.members):
         return None
     m, q = joint.members[place], joint.problem
-    if "north" not in m.shape or "beside_drag" in m.shape:
+    if "moment_N_s_m" not in m.shape:
         return None
     named = m.parameters(frame)
     draws = bootstrap(q.blocks, columns_of(q), DRAWS)

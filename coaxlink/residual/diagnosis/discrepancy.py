@@ -38,7 +38,7 @@ def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
                 # a vehicle's loads depend on many speeds: their mean says nothing that the cause does not
                 process = products(over, process)
         if (
-            m.effect.stage == 0
+            "lag_s" in m.shape
         ):  # of what is late, how late: what a second lag, or another form of it, would change
             columns, deviation = _later(mine, c)
             pieces.append(columns)

@@ -301,11 +301,7 @@ def _log_prior(ch: Channels, m: Member) -> float:
     numbers = m.parameters(frame)
     if m.effect.refuse(numbers) is not None:
         return REFUSED
-    forms = {
-        tuple(sorted((k, v) for k, v in s.items() if k not in m.effect.free(frame, s)))
-        for s in m.effect.shapes(frame)
-    }
-    out = ODDS - np.log(max(len(forms), 1))
+    out = ODDS - np.log(max(m.effect.forms(frame), 1))
     whole = effect_named(m.name)
     for p in whole.parameters if whole else ():
         if p.prior is not None and p.name in numbers and p.name != "share":

@@ -160,7 +160,7 @@ def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
     if "mass_change" in c.names or f.knows & {"mass_change", "battery_voltage"}:
         return c, ()
     estimated = _scales(c, f)
-    mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
+    mass = next((o for o in c.problem.options if o.name == "mass_change" and "onset_s" not in o.shape), None)
     # torques that hold more (gusts that come back as commands, an inertia far off) tell no scale
     explained = settled(c.joint, c.floor, "torque_x", "torque_y")
     sagging = "battery_voltage" in c.names

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import colour_of, white
@@ -18,7 +16,8 @@ from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
 from coaxlink.residual.regression.joint_model import Member
 
 ROTOR = "rotor"  # the number of a shape that is no quantity but a place
-START = 0.1  # of a loss, where the fit begins
+# a blade that lifts less, a motor that turns slower: where the fit begins
+WAYS = ({"thrust_loss": 0.1, "torque_loss": 0.1}, {"speed_loss": 0.05})
 NEAR = 0.8  # of what the best place explains: less is no rival (judgement)
 ROUNDS = 2  # of colour
 MANY_ROWS = 60_000  # of a frame: of longer flights only the rotors of one pair are weighed (seconds)
@@ -73,7 +72,7 @@ def _placed(h: Hypothesis) -> Member:
 
 def _everywhere(ch: Channels, mine: Member) -> list[Member]:
     """The member at every rotor in every form, since when it was found."""
-    plain = {k: v for k, v in mine.shape.items() if k != "slower"}
+    plain = {k: v for k, v in mine.shape.items() if not any(k in way for way in WAYS)}
     own, airframe = int(mine.shape[ROTOR]), ch.bare.airframe
     numbers = [r.number for r in airframe.rotors]
     if len(ch.bare.time_s) > MANY_ROWS:
@@ -81,13 +80,9 @@ def _everywhere(ch: Channels, mine: Member) -> list[Member]:
         numbers = sorted({own}.union(*(pair for pair in pairs if own in pair)))
     out = []
     for number in numbers:
-        for slower in ({}, {"slower": 1.0}):
-            shape = {**plain, ROTOR: float(number), **slower}
-            if shape == dict(mine.shape):
-                out.append(mine)
-                continue
-            start = np.full(1 if slower else 2, 0.5 * START if slower else START)
-            out.append(begun(ch, mine.effect, shape, start))
+        for way in WAYS:
+            shape, start = mine.effect.inverse(ch.bare, {**plain, ROTOR: float(number), **way})
+            out.append(mine if shape == dict(mine.shape) else begun(ch, mine.effect, shape, start))
     return out
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.effects import stand_effects
-from coaxlink.effects.dead_band import of_what_is_logged
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
@@ -68,7 +67,7 @@ def stand_channels(
     reduce, present, keep = reducing(frame), list(frame.present), frame.keep
     reference = frame.reference[present]
     names = tuple(STAND_CHANNELS[c] for c in present)
-    able, unable = possible(frame, [of_what_is_logged(frame, e) for e in stand_effects()])
+    able, unable = possible(frame, stand_effects())
     weights = np.abs(reduce(frame.predicted))
     mapped = np.hypot(weights, reduce(_wake(frame)))
     u = frame.speeds[keep]

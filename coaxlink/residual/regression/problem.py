@@ -40,11 +40,6 @@ class Option:
         """The effect's name."""
         return self.effect.name
 
-    @property
-    def carried(self) -> Index:
-        """Columns that come with the effect and do not make it."""
-        return self.columns[list(self.effect.carried(self.shape))]
-
 
 @dataclass(frozen=True)
 class Problem:

@@ -39,7 +39,7 @@ def with_onsets(
     if len(np.unique(p.frame.log)) > 1 or p.blocks.count < 4 * EDGE_BLOCKS:
         return p
     offered = {
-        (o.name, o.shape.get("rotor"), o.shape.get("slower")) for o in p.options if "onset_s" in o.shape
+        (o.name, o.shape.get("rotor"), "speed_loss" in o.shape) for o in p.options if "onset_s" in o.shape
     }
     found: list[tuple[float, Option, float]] = []
     scan = _Scan(p, list(members))
@@ -53,7 +53,7 @@ def with_onsets(
     new: list[tuple[Option, Shape]] = []
     for name in {f[1].name for f in found}:
         for _, option, start in [f for f in found if f[1].name == name][:MOST]:
-            key = (name, option.shape.get("rotor"), option.shape.get("slower"))
+            key = (name, option.shape.get("rotor"), "speed_loss" in option.shape)
             if key not in offered:
                 sharp = _sharper(p, scan, option, start, reduce)
                 new.append((option, _ramped(p, scan, option, sharp, reduce)))

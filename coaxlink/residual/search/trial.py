@@ -108,7 +108,7 @@ class Judge:
     def trial(self, members: list[Option], option: Option) -> Trial:
         """`option` on top of `members`."""
         p = self.problem
-        without = np.concatenate([columns_of(p, members), option.carried])
+        without = columns_of(p, members)
         whole = columns_of(p, [*members, option])
         before, after = self.held_out(without), self.held_out(whole)
         ones = np.ones(p.blocks.count)
@@ -123,7 +123,7 @@ class Judge:
         p_value = min(1.0, self.looks * self._chance(drop, len(whole) - len(without), whole))
         change = self._nuisance @ (full - null)[p.nuisance] + added @ (full - null)[beyond]
         size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
-        mine = self.worth_of(np.setdiff1d(option.columns, option.carried), full)
+        mine = self.worth_of(option.columns, full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
         share = float(np.max(shares))

@@ -91,7 +91,7 @@ def test_a_drag_that_may_be_none_is_nil(spread, gone):
     effect = EFFECTS["rotor_drag"]
 
     def named(k, values):
-        return effect.parameters(None, {"by_speed": 1.0}, values)
+        return effect.parameters(None, dict.fromkeys(("drag_per_speed_N_s_m", "moment_share"), 1.0), values)
 
     member = SimpleNamespace(effect=effect, parameters=lambda frame: named(0, np.array([1.0, 40.0])))
     joint = SimpleNamespace(members=[member], problem=SimpleNamespace(frame=None), named=named)

@@ -27,10 +27,10 @@ def names(columns, model=None):
     ("name", "numbers"),
     [
         ("battery_voltage", {"cap": 0.9, "soft": 0.03, "reach": 1.0, "speed_exponent": 1.0}),
-        ("motor_heating", {"magnets": 1.0, "speed_loss_per_100K": -0.1}),
+        ("motor_heating", {"speed_loss_per_100K": -0.1}),
         ("motor_heating", {"own_s": 60.0, "speed_loss_per_100K": 0.02, "own_speed_loss": 0.05}),
         ("rotor_lag", {"lag_s": 0.2, "damping": 0.5, "stepped": 1.0, "share": 1.0}),
-        ("dead_band", {"cells": 1.0, "band": 0.03, "knee": 3.0, "torque": 0.8, "share": 1.0}),
+        ("dead_band", {"cells": 1.0, "band": 0.03, "knee": 5.0, "torque": 0.8, "share": 1.0}),
         (
             "hysteresis",
             {
@@ -44,9 +44,8 @@ def names(columns, model=None):
         ),
         (
             "sensor_drift",
-            {"room": 4.0, "cycles": 3.0, "phase": 0.1, "slope": 0.5}
-            | {f"cell{n}_{kind}": 0.1 * (n + 1) for n in range(4) for kind in ("drift", "zero", "span")}
-            | {"span": 1.0},
+            {"cycles": 3.0, "phase": 0.1, "slope": 0.5}
+            | {f"cell{n}_{kind}": 0.1 * (n + 1) for n in range(4) for kind in ("drift", "zero", "span")},
         ),
     ],
 )
@@ -131,9 +130,9 @@ def lag_frame(u, time_s):
     return SimpleNamespace(speeds=u, throttles=u, driven=False, time_s=time_s)
 
 
-def lagged_by(u, time_s, shape):
+def lagged_by(u, time_s, numbers):
     frame = lag_frame(u, time_s)
-    return u + effect("rotor_lag").stand.columns(frame, shape)[:, 4:, 0]
+    return u + effect("rotor_lag").stand.adds(frame, {"share": 1.0, **numbers})[:, 4:]
 
 
 @pytest.mark.slow
@@ -169,8 +168,9 @@ def test_behind_a_gap_a_ramp_is_late_from_its_first_row_on():
 def test_a_governor_loses_speed_where_its_supply_runs_out(paper):
     frame = stand_frame(Samples(run(seed=28), "rig.csv"), paper)
     tracing = effect("battery_voltage").stand
-    lost = -tracing.columns(frame, {"cap": 0.8, "soft": 0.002, "reach": 1.0})[:, 4:, 0]
     volts = frame.context("voltage_V")
+    numbers = {"speed_exponent": 1.0, "reference_voltage_V": np.median(volts), "cap": 0.8, "soft": 0.002}
+    lost = -tracing.contribution(frame, numbers | {"reach": 1.0})[:, 4:]
     held = 0.8 * volts / np.median(volts)
     np.testing.assert_allclose(lost, np.maximum(frame.throttles - held[:, None], 0.0), atol=2e-3)
     assert lost.max() > 0.05

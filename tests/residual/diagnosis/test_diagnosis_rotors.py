@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from residual_world import fly
 
@@ -36,7 +35,8 @@ def flights():
 
 
 def weak(frame, rotor):
-    return member(frame, effect("degraded_rotor").flight, {"rotor": rotor}, np.array([0.1, 0.0]))
+    weak = effect("degraded_rotor").flight
+    return member(frame, weak, *weak.inverse(frame, {"rotor": rotor, "thrust_loss": 0.1, "torque_loss": 0.0}))
 
 
 def test_the_partner_of_a_pair_is_weighed_wherever_the_search_began(flights, capfd):

@@ -16,7 +16,8 @@ from coaxlink.residual.regression.joint_model import Fitter, member
 from coaxlink.residual.regression.problem import build
 
 NOISE = np.array([0.3, 0.006, 0.3, 0.006])
-WORN = {"both": 1.0, "reach": 0.1, "spread": 1.8}
+ALIKE = {"thrust_share": 1.0, "torque_share": 1.0}
+WORN = {**ALIKE, "reach": 0.1, "spread": 1.8}
 
 
 def worn_in(size, strange):
@@ -36,7 +37,7 @@ def worn_in(size, strange):
     return frame, problem
 
 
-@pytest.mark.parametrize("shape", [WORN, {**WORN, "fading": 0.4}, {"both": 1.0}])
+@pytest.mark.parametrize("shape", [WORN, {**WORN, "fading": 0.4}, ALIKE])
 def test_without_a_members_columns_the_problem_is_the_one_before_it(shape):
     frame, problem = worn_in(0.03, 0.0)
     fitter = Fitter(problem, frame, (), reducing(frame))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coaxlink.effects.tracing import Tracing, one_shape, present
+from coaxlink.effects import Parameter, PhysicalEffect, Stage, Tracing
 from coaxlink.residual.regression.problem import build
 from coaxlink.residual.search.select import select
 
@@ -14,11 +14,12 @@ ROWS = 400
 
 def effect(name, columns):
     """An effect of these columns (rows, channels, 1) whatever the frame."""
-    return Tracing(
-        name, "", "", (), ("one", "two"), {}, present, one_shape, lambda _, __: columns,
-        lambda _, __, c: {"size": float(c[0])}, lambda _, p: ({}, np.array([p["size"]])), lambda _: None,
-        lambda *_: ("", np.zeros(ROWS)),
+    size = Parameter("size", "1", -1e9, 1e9, amount=True, source="any")
+    stand = Tracing(
+        (), ("one", "two"), lambda _: [{"size": 1.0}], lambda *_: ("", np.zeros(ROWS)),
+        adds=lambda _, p: p["size"] * columns[..., 0],
     )  # fmt: skip
+    return PhysicalEffect(name, Stage.ROTOR, "", "", (size,), stand=stand).stand
 
 
 def problem(residual, *effects):
