@@ -193,13 +193,16 @@ def _currents(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
     )
     speeds = body.turned(model, np.clip(given, 0.0, 1.0))
     power = body.loads(model, speeds)[1] * speeds * model.speed_max_rpm * RAD_S_PER_RPM
-    # as much as hovering takes at most from the slowest: idling says nothing
-    told = np.isfinite(power) & np.isfinite(amperes) & (power > 0.5 * np.nanmedian(power)) & (amperes > 0.0)
+    flying = power > 0.5 * np.nanmedian(power, axis=0)  # idling says nothing
+    told = np.isfinite(power) & np.isfinite(amperes) & flying & (amperes > 0.0)
     if told.sum(axis=0).min() < FEWEST:
         return
-    each = np.array([np.median(amperes[t, k] / power[t, k]) for k, t in enumerate(told.T)])
-    each /= np.median(each)
-    if each.max() > AMPERES and each.min() < 1.0 / AMPERES:  # one alone is a fault
+    drawn, worked = (np.array([np.median(x[t, k]) for k, t in enumerate(told.T)]) for x in (amperes, power))
+    each, ranked = drawn / worked, np.sort(drawn) / np.sort(worked)
+    each, ranked = each / np.median(each), ranked / np.median(ranked)
+    # one alone is a fault; and the same currents have to fit the motors in some other order
+    fits = ranked.min() > 1.0 / AMPERES and ranked.max() < AMPERES
+    if fits and each.max() > AMPERES and each.min() < 1.0 / AMPERES:
         most, least = numbers[int(each.argmax())], numbers[int(each.argmin())]
         why = (
             f"current{most} and current{least} are {each.max():.2f} and {each.min():.2f} times what their "

@@ -100,6 +100,10 @@ def test_rpm_and_currents_of_exchanged_escs_lie_on_no_common_curve(flights):
     assert [f.check for f in other_vehicle(frame, [swapped])] == ["speeds"]
     assert other_vehicle(frame, [rpm(split)]) == ()
     assert other_vehicle(frame, [amperes(split)]) == ()
+    linear = split.with_columns(
+        **{f"current{k}_A": 1.0 + 15.0 * split[f"motor{k}"] ** 0.5 for k in range(1, 9)}
+    )
+    assert other_vehicle(frame, [linear]) == ()  # no power of theirs, in whatever order
     crossed = amperes(split, [6, 5, 8, 7, 2, 1, 4, 3])
     assert [f.check for f in other_vehicle(frame, [crossed])] == ["currents"]
 
