@@ -182,12 +182,13 @@ class Seen:
     score: Array  # (R, N, 3)
 
 
-def seen(flights: Sequence[Eliminated], precision: Array, since: int) -> Seen:
-    """`since`: the flight in which the fault set in; it was there in all behind it."""
+def seen(flights: Sequence[Eliminated], precision: Array, since: int, until: int | None = None) -> Seen:
+    """`since`: the flight in which the fault set in; it was there in all behind it, but in none from `until`
+    on, before which it was mended."""
     gram, moment, log = _shared(flights, precision)
     inverse = np.linalg.inv(gram)
     cross, own, pull = (np.array(a) for a in _of(flights[since]))
-    for f in flights[since + 1 :]:
+    for f in flights[since + 1 : until]:
         for total, part in zip((cross, own, pull), _of(f.from_start()), strict=True):
             total += part
     flat = cross.reshape(len(cross), -1, LOADS)

@@ -1,4 +1,5 @@
-"""Every hypothesis of a rotor's fault weighed: which rotor, of which kind, since when, beside which payload.
+"""Every hypothesis of a rotor's fault weighed: which rotor, of which kind, since when, until which flight if
+it was mended before that, beside which payload.
 
 Kinds are what a fault does to loads at the commanded speed: a blade that lost a part gives less thrust and
 torque, a rough one (ice, erosion, a nicked edge) less thrust and takes more torque, a motor that turns slower
@@ -16,7 +17,7 @@ from coaxlink.frames import Array
 from coaxlink.health.columns import Flight, louder
 from coaxlink.health.evidence import FlightSums, Seen, evidence, lasting_precision, left, seen
 from coaxlink.health.onsets import ROUNDS, Onset, variants
-from coaxlink.health.priors import LOSS_SD, MATTERS, ROUGH_TORQUE, TORQUE_APART, TORQUE_WITH_THRUST
+from coaxlink.health.priors import LOSS_SD, MATTERS, MENDED, ROUGH_TORQUE, TORQUE_APART, TORQUE_WITH_THRUST
 
 FAULT_ODDS = 1 / 50  # that a vehicle somebody wants judged has a rotor that lost something
 PAYLOAD_ODDS = 1 / 5  # that its payload is not where it was
@@ -25,6 +26,17 @@ KINDS = ("a blade that lost a part", "a rough blade", "a motor that turns slower
 SLID, NEGLIGIBLE = 8, 1e-4
 LOOKS = 3  # at most, at what the likeliest hypothesis leaves
 NODES = 12  # of Gauss and Legendre, for a quadrant of two normal variables
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A fault that was there from one flight on, and before another one was no more; (N,) each."""
+
+    since: int
+    until: int
+    chance: Array  # that it was more than MATTERS
+    mean: Array  # of the lost share of thrust, given the hypothesis
+    sd: Array
 
 
 @dataclass(frozen=True)
@@ -37,6 +49,7 @@ class Comparison:
     mean: tuple[Array, ...]  # (R, N, kinds) of the lost share of thrust
     square: tuple[Array, ...]
     gain: tuple[Array, ...]  # (R,) log of the evidence gained by a fault or a payload alone, set in like this
+    mended: tuple[Mended, ...]  # faults that are not there any more
     payload: float  # probability that in one flight something was not as drawn
     last: Array  # (N, 3, 3) information on a fault that was there in all of the last flight
 
@@ -71,10 +84,21 @@ def compared(flights: Sequence[Flight]) -> Comparison:
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """One of all: a payload's flight and way, and a fault's flight, onset, rotor and kind; None for none."""
+    """One of all: a payload's flight and way, and a fault's; None for none."""
 
     payload: tuple[int, Onset] | None
-    fault: tuple[int, int, int, int] | None
+    fault: _Fault | None
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """It set in in flight `since` and was mended before flight `until`, if there is one."""
+
+    since: int
+    until: int
+    onset: int
+    rotor: int
+    kind: int
 
 
 def _left(sums: Sequence[FlightSums], best: _Hypothesis) -> list[Array]:
@@ -82,14 +106,13 @@ def _left(sums: Sequence[FlightSums], best: _Hypothesis) -> list[Array]:
     parts: slice = slice(0, 0)
     prior = np.zeros((0, 0))
     if best.fault:
-        parts, prior = PRIORS[best.fault[3]]
+        parts, prior = PRIORS[best.fault.kind]
     designs = []
     for k, s in enumerate(sums):
         columns = np.zeros((len(s.y), len(prior)))
-        if best.fault and k >= best.fault[0]:
-            onset, rotor = best.fault[1:3]
-            f = s.flight
-            time_profile = s.time_profiles[onset if k == best.fault[0] else 0]
+        if best.fault and best.fault.since <= k < best.fault.until:
+            f, rotor = s.flight, best.fault.rotor
+            time_profile = s.time_profiles[best.fault.onset if k == best.fault.since else 0]
             loads = np.stack([-f.thrust[:, rotor], -f.torque[:, rotor], f.slower[:, rotor]], axis=1)
             columns = loads[:, parts] * time_profile[:, None]
         onset_of_payload = best.payload[1] if best.payload and best.payload[0] == k else None
@@ -123,7 +146,7 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
             payloads.append((k, onset))
             without.append(evidence(have, precision) + float(np.log(PAYLOAD_ODDS / count * onset.prior)))
     sound = [w + float(np.log(1 - FAULT_ODDS)) for w in without]
-    faulty: list[tuple[int, int, _Weighed]] = []  # since which flight, way
+    faulty: list[tuple[int, int, int, _Weighed]] = []  # since and until which flight, way
     for way in _beside(payloads, without):
         where, hung = payloads[way]
         have = list(drawn)
@@ -131,11 +154,16 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
             slid, strapped = _way(hung)
             have[where] = sums[where].eliminated(slid, payload=strapped)
         for since, s in enumerate(sums):
-            weighed = _weighed(seen(have, precision, since))
             each = np.log(FAULT_ODDS / (count * rotors * len(KINDS)))
             prior = np.log([o.prior for o in s.onsets])[:, None, None] + each
-            faulty.append((since, way, replace(weighed, log=weighed.log + without[way] + prior)))
-    alone = [w.log.max(axis=(1, 2)) for _, way, w in faulty if way == 0]
+            for until in range(since + 1, count + 1):
+                weighed = _weighed(seen(have, precision, since, until))
+                log = weighed.log + without[way] + prior + _lasts(since, until, count)
+                faulty.append((since, until, way, replace(weighed, log=log)))
+    alone = [
+        np.max([w.log.max(axis=(1, 2)) for start, _, way, w in faulty if (start, way) == (k, 0)], axis=0)
+        for k in range(count)
+    ]
     ways_to_slide = np.split(np.array(sound[1:]), np.cumsum([len(s.onsets) for s in sums])[:-1])
     gain = tuple(np.maximum(a, b) - sound[0] for a, b in zip(alone, ways_to_slide, strict=True))
 
@@ -143,9 +171,15 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
     ways = np.exp(np.array(sound) - top)
     shapes = [(len(s.onsets), rotors, len(KINDS)) for s in sums]
     mass, matters, mean, square = ([np.zeros(shape) for shape in shapes] for _ in range(4))
-    for since, way, w in faulty:
+    gone: dict[tuple[int, int], list[Array]] = {}
+    for since, until, way, w in faulty:
         part = np.exp(w.log - top)
         ways[way] += part.sum()
+        if until < count:
+            here = gone.setdefault((since, until), [np.zeros(rotors) for _ in range(4)])
+            for moment, power in zip(here, (w.matters, 1.0, w.mean, w.mean**2 + w.sd**2), strict=True):
+                moment += (part * power).sum(axis=(0, 2))
+            continue
         mass[since] += part
         matters[since] += part * w.matters
         mean[since] += part * w.mean
@@ -155,18 +189,31 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
     def given(values: list[Array]) -> tuple[Array, ...]:
         return tuple(v / np.maximum(m, 1e-300) for v, m in zip(values, mass, strict=True))
 
+    mended = []
+    for (since, until), (much, weight, first, second) in gone.items():
+        each = first / np.maximum(weight, 1e-300)
+        sd = np.sqrt(np.maximum(second / np.maximum(weight, 1e-300) - each**2, 0.0))
+        mended.append(Mended(since, until, much / total, each, sd))
     found = Comparison(
         tuple(s.onsets for s in sums), tuple(m / total for m in mass), given(matters), given(mean),
-        given(square), gain, 1.0 - float(ways[0]) / total, nuisance.information[0],
+        given(square), gain, tuple(mended), 1.0 - float(ways[0]) / total, nuisance.information[0],
     )  # fmt: skip
     way, fault = int(np.argmax(sound)), None
     most = sound[way]
-    for since, at, w in faulty:
+    for since, until, at, w in faulty:
         if float(w.log.max()) > most:
-            place, rotor, kind = (int(i) for i in np.unravel_index(int(np.argmax(w.log)), w.log.shape))
-            most, way, fault = float(w.log.max()), at, (since, place, rotor, kind)
+            place = [int(i) for i in np.unravel_index(int(np.argmax(w.log)), w.log.shape)]
+            most, way, fault = float(w.log.max()), at, _Fault(since, until, *place)
     where, hung = payloads[way]
     return found, _Hypothesis((where, hung) if hung else None, fault)
+
+
+def _lasts(since: int, until: int, count: int) -> float:
+    """Log of the prior of when a fault that set in in one flight was mended, if it was."""
+    gaps = count - 1 - since
+    if not gaps:
+        return 0.0
+    return float(np.log(1.0 - MENDED if until == count else MENDED / gaps))
 
 
 def _way(onset: Onset | None) -> tuple[Onset | None, bool]:

@@ -1,14 +1,15 @@
 """Verdict over flights: which rotor, since when, with what probability.
 
 Hypotheses: nothing is wrong; or one rotor gives less, from before one of the flights on or from some moment
-within it. Each beside every payload: as drawn, strapped on otherwise in a flight, or slid within one. All are
-linear and Gaussian (`columns`), so each has an exact evidence (Bishop 2006, section 3.5) and Bayes' theorem
-does the rest (`hypotheses`); residuals' correlation in time counts (`share`).
+within it, to the end or until it was mended before a later one. Each beside every payload: as drawn, strapped
+on otherwise in a flight, or slid within one. All are linear and Gaussian (`columns`), so each has an exact
+evidence (Bishop 2006, section 3.5) and Bayes' theorem does the rest (`hypotheses`); residuals' correlation in
+time counts (`share`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,6 +81,17 @@ class SuspectRotor:
 
 
 @dataclass(frozen=True)
+class MendedRotor:
+    """A rotor that had lost something and has it again: its propeller or motor was changed."""
+
+    number: int
+    probability: float
+    loss: Interval  # share of its thrust
+    since: str  # the flight
+    until: str  # the first flight without
+
+
+@dataclass(frozen=True)
 class Health:
     """The answer."""
 
@@ -91,6 +103,7 @@ class Health:
     detects: float  # share of one rotor's thrust that these flights would tell from nothing, median rotor
     cannot_judge: tuple[NotJudged, ...] = ()  # premises that the answer hangs on: no rotor is named
     not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
+    mended: tuple[MendedRotor, ...] = ()  # likelier than not
     premises: tuple[str, ...] = ()  # what the logs' readers took for granted, in words
 
     @classmethod
@@ -130,6 +143,16 @@ class Health:
                 }
                 for s in self.suspects
             ],
+            "mended": [
+                {
+                    "rotor": m.number,
+                    "probability": m.probability,
+                    "loss": m.loss.as_json(),
+                    "since": m.since,
+                    "until": m.until,
+                }
+                for m in self.mended
+            ],
             "payload_moved": None if self.reasons else self.payload,
             "detects": None if self.reasons else self.detects,
             "flights": [
@@ -162,7 +185,26 @@ def judge(
         _of_flight(flight, name, numbers, pairs, _set_in(found, k))
         for k, (flight, name) in enumerate(zip(flights, names, strict=True))
     )
-    return Health(verdict, probability, suspects, each, found.payload, _detects(found, rotors))
+    mended = tuple(_mended(found, numbers, names))
+    detects = _detects(found, rotors)
+    return Health(verdict, probability, suspects, each, found.payload, detects, mended=mended)
+
+
+def _mended(found: Comparison, numbers: Sequence[int], names: Sequence[str]) -> Iterator[MendedRotor]:
+    """Rotors that more likely than not were mended, and when."""
+    for rotor, number in enumerate(numbers):
+        if sum(float(m.chance[rotor]) for m in found.mended) < GROUND:
+            continue
+        best = max(found.mended, key=lambda m: float(m.chance[rotor]))
+        loss = _loss(float(best.mean[rotor]), float(best.sd[rotor]))
+        chance = sum(float(m.chance[rotor]) for m in found.mended)
+        yield MendedRotor(number, chance, loss, names[best.since], names[best.until])
+
+
+def _loss(mean: float, sd: float) -> Interval:
+    """A share of the thrust at the commanded speed, and that is known to LIFT_TODAY (voltage, air)."""
+    half = NORMAL_95 * float(np.hypot(sd, LIFT_TODAY * mean))
+    return Interval(mean, mean - half, mean + half)
 
 
 def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -> SuspectRotor:
@@ -179,9 +221,7 @@ def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -
     mean, square = (
         float(np.sum(here * m[:, rotor]) / total) for m in (found.mean[flight], found.square[flight])
     )
-    # a share of the thrust at the commanded speed, and that is known to LIFT_TODAY (voltage, air)
-    half = NORMAL_95 * float(np.sqrt(max(square - mean**2, 0.0) + (LIFT_TODAY * mean) ** 2))
-    loss = Interval(mean, mean - half, mean + half)
+    loss = _loss(mean, float(np.sqrt(max(square - mean**2, 0.0))))
     kind = KINDS[int(np.argmax(sum(c.sum(axis=0) for c in own)))]
     gradual = bool(within and here[slow].sum() > here[1:].sum() / 2)
     return SuspectRotor(number, matters, loss, names[flight], onset, gradual, kind)

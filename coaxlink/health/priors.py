@@ -14,3 +14,4 @@ TILT_ARM_M = 8e-4  # of lift: eight motors each up to half a degree askew on 0.2
 CG_DRAWN_M, CG_MOVED_M = 5e-3, 3e-3  # drawn against weighed; a pack strapped back on
 INERTIA_TODAY, DELAY_TODAY_S = 0.01, 0.01  # motors are slower on a weak pack
 LIFT_TODAY, TORQUE_TODAY = 0.10, 0.05  # of all rotors alike: voltage, air density, mass
+MENDED = 0.5  # of rotors that lost something, those that are changed before the last flight (judgement)

@@ -62,6 +62,12 @@ def remarks(health: Health) -> Iterator[str]:
                 f"+/- {50 * (suspect.loss.high - suspect.loss.low):.0f} {_since(suspect)}, "
                 f"most likely {suspect.kind}"
             )
+    for m in health.mended:
+        yield (
+            f"rotor {m.number}: {100 * m.loss.value:.0f} % +/- {50 * (m.loss.high - m.loss.low):.0f} of its "
+            f"thrust gone since {m.since}, and back since {m.until} ({_percent(m.probability)}): changed "
+            "between them? If not, look at it before the next flight"
+        )
     if health.payload > GROUND:
         yield f"the centre of mass was elsewhere in one flight ({_percent(health.payload)}): payload, pack?"
     yield (

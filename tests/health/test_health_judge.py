@@ -69,6 +69,22 @@ def health(*flights):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("rotor", [0, 5])
+def test_a_rotor_that_was_changed_between_flights_is_sound_again_and_no_other_one_is_weak(rotor):
+    rng = np.random.default_rng(40 + rotor)
+    weak = [flight(rng, specimen=0.01, loss=(rotor, 0.2, 0.15)) for _ in range(2)]
+    sound = [flight(rng, specimen=0.01) for _ in range(2)]
+    for flights, back in (((weak[0], sound[0]), 2), ((sound[0], *weak, sound[1]), 4)):
+        found = health(*flights)
+        assert found.verdict == "sound"
+        (mended,) = found.mended
+        assert mended.number == rotor + 1 and mended.until == f"flight {back}"
+        assert mended.loss.low < 0.2 < mended.loss.high
+    found = health(sound[0], *weak)
+    assert found.verdict == "ground it" and found.suspects[0].number == rotor + 1 and not found.mended
+
+
+@pytest.mark.slow
 def test_sound_flights_are_sound():
     rng = np.random.default_rng(1)
     for _ in range(4):
