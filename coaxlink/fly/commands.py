@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -225,16 +226,26 @@ class Commander:
             raise LinkError(self.session.address, f"no {name} for {SILENCE_S:.0f} s")
         return message
 
+    def reasons(self) -> str:
+        """Why its own checks would not let it arm, in its words; PX4 says them when they are asked to run."""
+        asked_s = self.session.clock.monotonic()
+        with suppress(LinkError):
+            self.session.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS, timeout_s=WORDS_S, tries=2)
+        return self._said_since(asked_s)
+
+    def _said_since(self, asked_s: float) -> str:
+        self.session.clock.sleep(WORDS_S)  # it may come after the answer, in several pieces
+        said = (text.text for text in self.telemetry.texts if text.received_s >= asked_s)
+        return ", ".join(dict.fromkeys(said))
+
     def _command(self, what: str, command: int, *parameters: float) -> None:
-        clock = self.session.clock
-        asked_s = clock.monotonic()
+        asked_s = self.session.clock.monotonic()
         result = self.session.command(command, *parameters)
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
-        clock.sleep(WORDS_S)  # what it has to say may come after its answer, in several pieces
-        said = self.telemetry.texts
-        fresh = [text.text for text in said if text.received_s >= asked_s] or [t.text for t in said[-1:]]
-        words = f"; it says: {', '.join(dict.fromkeys(fresh))}" if fresh else ""
+        arming = command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+        said = [self._said_since(asked_s), self.reasons() if arming else ""]
+        words = f"; it says: {', '.join(filter(None, said))}" if any(said) else ""
         known = mavlink.enums["MAV_RESULT"].get(result)
         raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
 

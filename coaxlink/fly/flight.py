@@ -87,8 +87,8 @@ class Pilot:
         if session.wait("LOCAL_POSITION_NED", SILENCE_S) is None:
             faults.append("it sends no local position: no estimate, or no stream of it")
         if not self._commander.ready(READY_S):
-            words = f": {self._telemetry.texts[-1].text}" if self._telemetry.texts else ""
-            faults.append(f"its own pre-arm checks do not pass{words}")
+            words = self._commander.reasons()
+            faults.append("its own pre-arm checks do not pass" + (f": {words}" if words else ""))
         if faults:
             raise SafetyRefusal("; ".join(faults))
 

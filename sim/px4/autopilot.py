@@ -112,16 +112,23 @@ class Autopilot(Navigator):
         """Raises Refused."""
         if self.armed:
             return
-        if self.mixer.mix is None:
-            raise Refused("Arming denied: the control allocation has no valid rotors")
-        if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
+        if self.preflight():
             raise Refused("Arming denied: Resolve system health failures first")
-        if self.links.required and not self.links.there(self.plant.time_s):
-            raise Refused("Arming denied: no connection to the ground control station")
         if self.landed and self.plant.charge < 0.4:
             self.plant.state[self.plant.index.CHARGE] = CHARGED  # someone swapped the pack
         self.armed, self._armed_at = True, self.plant.time_s
         self.say(6, "Armed by external command")
+
+    def preflight(self) -> list[str]:
+        """What speaks against arming, as its pre-arm checks say when they are asked for, and only then."""
+        found = []
+        if self.mixer.mix is None:
+            found.append("the control allocation has no valid rotors")
+        if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
+            found.append("No offboard signal")
+        if self.links.required and not self.links.there(self.plant.time_s):
+            found.append("No connection to the ground control station")
+        return [f"Preflight Fail: {text}" for text in found]
 
     def disarm(self, force: bool = False) -> None:
         """Raises Refused in the air unless forced."""

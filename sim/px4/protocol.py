@@ -292,6 +292,9 @@ class Conversation:
                 and a.motor_test.turn(int(p[0]) - 1, p[2] / 100.0, p[3], a.plant.time_s)
             )
             return (ACCEPTED if done else DENIED), None
+        elif command == 401:  # run the pre-arm checks, and say what they find
+            for reason in a.preflight():
+                self._say(2, reason)
         elif command == 178:
             a.cruise = p[1] if p[1] > 0 else a.cruise
         elif command == 245:

@@ -13,7 +13,6 @@ from coaxlink.fly.commands import Commander, ModeWatch, PlanAbandoned, Start
 from coaxlink.fly.trajectory import FlightPlan, Hold
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.station import hear_words
-from sim.px4.autopilot import Refused
 
 OFFBOARD, POSITION = 6, 3  # main modes of PX4
 PLAN = FlightPlan((Hold("hover", (0.0, 0.0, -3.0), 4.0),))
@@ -108,16 +107,13 @@ def test_a_mode_that_set_points_came_too_late_for_is_asked_for_again(px4):
 
 
 def test_a_refused_arming_is_in_the_vehicles_own_words(px4, monkeypatch):
-    """They are longer than one message."""
-
-    def refuse():
-        raise Refused("Arming denied: Resolve system health failures first")
-
-    monkeypatch.setattr(px4.autopilot, "arm", refuse)
+    """They are longer than one message, and its reasons are said by the checks alone."""
+    monkeypatch.setattr(px4.autopilot, "preflight", lambda: ["Preflight Fail: Open Drone ID system missing"])
     with meet(px4) as session, pytest.raises(SafetyRefusal) as refused:
         hear_words(session)
         Commander(session).arm()
-    assert str(refused.value).endswith("it says: Arming denied: Resolve system health failures first")
+    first, reason = "Arming denied: Resolve system health failures first", px4.autopilot.preflight()[0]
+    assert str(refused.value).endswith(f"it says: {first}, {reason}")
 
 
 def test_one_heartbeat_of_another_mode_ends_it_but_not_one_that_was_under_way():

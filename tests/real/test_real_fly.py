@@ -251,7 +251,7 @@ def test_a_refused_arming_is_in_its_own_words(tmp_path: Path) -> None:
         vehicle = Flier("px4", url, "", tmp_path / "flight")
         code, told, _ = vehicle.fly("--plan", "hover", "--battery", "0")
     sys.stdout.write(f"\n{code}: {told}")
-    assert code == 4 and "it says: " in told and "Resolve system health failures first" in told
+    assert code == 4 and "it says: " in told and "Preflight Fail: Open Drone ID system missing" in told
 
 
 @pytest.mark.skipif(not BINARIES["px4"], reason="PX4_SITL names no binary")
