@@ -51,16 +51,17 @@ class Comparison:
     gain: tuple[Array, ...]  # (R,) log of the evidence gained by a fault or a payload alone, set in like this
     mended: tuple[Mended, ...]  # faults that are not there any more
     payload: float  # probability that in one flight something was not as drawn
+    slid: float  # of it, that it moved within the flight
     last: Array  # (N, 3, 3) information on a fault that was there in all of the last flight
 
 
-def compared(flights: Sequence[Flight]) -> Comparison:
-    """All hypotheses over flights, oldest first.
+def compared(flights: Sequence[Flight], *, slides: bool = True) -> Comparison:
+    """All hypotheses over flights, oldest first; without `slides` nothing aboard moves within a flight.
 
     The grid of onsets is made finer where something sets in; noise is what the likeliest hypothesis leaves.
     """
     sums = [FlightSums(f) for f in flights]
-    found, best = _compared(sums)
+    found, best = _compared(sums, slides)
     for _ in range(ROUNDS):
         split = [_worth(o, g) for o, g in zip(found.onsets, found.gain, strict=True)]
         if not any(split):
@@ -71,14 +72,14 @@ def compared(flights: Sequence[Flight]) -> Comparison:
                 known = variants(known, at)
             if parts:
                 sums[k] = sums[k].variants(known)
-        found, best = _compared(sums)
+        found, best = _compared(sums, slides)
     for _ in range(LOOKS):
         rests = _left(sums, best)
         changed = [louder(s.flight, rest) for s, rest in zip(sums, rests, strict=True)]
         if all(c is None for c in changed):
             break
         sums = [s if c is None else FlightSums(c, s.onsets) for s, c in zip(sums, changed, strict=True)]
-        found, best = _compared(sums)
+        found, best = _compared(sums, slides)
     return found
 
 
@@ -131,7 +132,7 @@ def _worth(known: Sequence[Onset], gain: Array) -> list[Onset]:
     return found
 
 
-def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
+def _compared(sums: Sequence[FlightSums], slides: bool) -> tuple[Comparison, _Hypothesis]:
     count, rotors = len(sums), sums[0].flight.thrust.shape[1]
     precision = lasting_precision(sums[0].flight)
     drawn = [s.eliminated() for s in sums]
@@ -142,8 +143,11 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
     for k, s in enumerate(sums):
         for onset in s.onsets:
             slid, strapped = _way(onset)
-            have = [*drawn[:k], s.eliminated(slid, payload=strapped, faults=False), *drawn[k + 1 :]]
             payloads.append((k, onset))
+            if slid and not slides:
+                without.append(-np.inf)
+                continue
+            have = [*drawn[:k], s.eliminated(slid, payload=strapped, faults=False), *drawn[k + 1 :]]
             without.append(evidence(have, precision) + float(np.log(PAYLOAD_ODDS / count * onset.prior)))
     sound = [w + float(np.log(1 - FAULT_ODDS)) for w in without]
     faulty: list[tuple[int, int, int, _Weighed]] = []  # since and until which flight, way
@@ -194,9 +198,11 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
         each = first / np.maximum(weight, 1e-300)
         sd = np.sqrt(np.maximum(second / np.maximum(weight, 1e-300) - each**2, 0.0))
         mended.append(Mended(since, until, much / total, each, sd))
+    moved = [bool(onset and onset.start_s is not None) for _, onset in payloads]
+    slid = float(ways[moved].sum()) / total
     found = Comparison(
         tuple(s.onsets for s in sums), tuple(m / total for m in mass), given(matters), given(mean),
-        given(square), gain, tuple(mended), 1.0 - float(ways[0]) / total, nuisance.information[0],
+        given(square), gain, tuple(mended), 1.0 - float(ways[0]) / total, slid, nuisance.information[0],
     )  # fmt: skip
     way, fault = int(np.argmax(sound)), None
     most = sound[way]

@@ -105,6 +105,7 @@ class Health:
     not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
     mended: tuple[MendedRotor, ...] = ()  # likelier than not
     premises: tuple[str, ...] = ()  # what the logs' readers took for granted, in words
+    slid: float = 0.0  # probability that something aboard moved within a flight
 
     @classmethod
     def withheld(
@@ -171,11 +172,17 @@ class Health:
 
 
 def judge(
-    flights: Sequence[Flight], names: Sequence[str], numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
+    flights: Sequence[Flight],
+    names: Sequence[str],
+    numbers: Sequence[int],
+    pairs: Sequence[tuple[int, int]],
+    *,
+    slides: bool = True,
 ) -> Health:
-    """Health of the rotors over flights, oldest first. `pairs`: (upper, lower) indices into the rotors."""
+    """Health of the rotors over flights, oldest first. `pairs`: (upper, lower) indices into the rotors;
+    without `slides` nothing aboard is believed to move within a flight."""
     rotors = flights[0].thrust.shape[1]
-    found = compared(flights)
+    found = compared(flights, slides=slides)
     suspects = tuple(
         sorted((_suspect(i, numbers[i], found, names) for i in range(rotors)), key=lambda s: -s.probability)
     )
@@ -187,7 +194,9 @@ def judge(
     )
     mended = tuple(_mended(found, numbers, names))
     detects = _detects(found, rotors)
-    return Health(verdict, probability, suspects, each, found.payload, detects, mended=mended)
+    return Health(
+        verdict, probability, suspects, each, found.payload, detects, mended=mended, slid=found.slid
+    )
 
 
 def _mended(found: Comparison, numbers: Sequence[int], names: Sequence[str]) -> Iterator[MendedRotor]:

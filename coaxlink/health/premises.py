@@ -9,7 +9,7 @@ from coaxlink.data.samples import PREMISES, Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.health.coefficients import NORMAL_95, Update, coefficients_from_flights
 from coaxlink.health.columns import reduced
-from coaxlink.health.judge import Health, judge
+from coaxlink.health.judge import GROUND, Health, judge
 from coaxlink.premises import (
     NotJudged,
     OtherVehicle,
@@ -53,17 +53,23 @@ def _judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> 
     return Health.withheld(found.flights, cannot_judge=lacks) if lacks else found
 
 
-def _over(frames: Sequence[FlightFrame], names: Sequence[str]) -> Health:
+def _over(frames: Sequence[FlightFrame], names: Sequence[str], *, slides: bool = True) -> Health:
     body = frames[0].airframe
-    return judge([reduced(f) for f in frames], names, [r.number for r in body.rotors], body.pairs)
+    numbers = [r.number for r in body.rotors]
+    return judge([reduced(f) for f in frames], names, numbers, body.pairs, slides=slides)
 
 
 def _hangs_on(found: Health, frames: Sequence[FlightFrame], names: Sequence[str]) -> Iterator[NotJudged]:
-    """Premises that change the verdict or the rotor when they are moved.
+    """Premises that change the verdict or the rotor when they are moved. That something aboard slid is one.
 
     A mass is not moved: what all rotors have in common is unknown here to a tenth (`LIFT_TODAY`).
     """
     said = _words(found)
+    if found.verdict == "sound" and found.slid > GROUND:
+        fast = _words(_over(frames, names, slides=False))
+        if fast != said:
+            measure = "whether something aboard can have moved in flight (payload, pack)"
+            yield NotJudged("payload", measure, f"if nothing can the answer is {fast} in place of {said}")
     seen: set[str] = set()
     for moved in moves(frames[0].airframe):
         if moved.premise in seen or moved.premise == "mass_kg":

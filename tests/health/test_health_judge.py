@@ -63,9 +63,9 @@ def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, time_profile=
     )  # fmt: skip
 
 
-def health(*flights):
+def health(*flights, **how):
     names = [f"flight {i}" for i in range(1, len(flights) + 1)]
-    return judge(flights, names, list(range(1, N + 1)), PAIRS)
+    return judge(flights, names, list(range(1, N + 1)), PAIRS, **how)
 
 
 @pytest.mark.slow
@@ -187,8 +187,10 @@ def test_what_was_there_from_the_start_has_no_time():
 
 def test_a_load_that_slides_is_no_rotor():
     rng = np.random.default_rng(60)
-    found = health(flight(rng, cg=(0.02, 0.01), time_profile=since(20.0)))
-    assert found.verdict == "sound" and found.payload > 0.9
+    flown = flight(rng, cg=(0.02, 0.01), time_profile=since(20.0))
+    found = health(flown)
+    assert found.verdict == "sound" and found.payload > 0.9 and found.slid > 0.9
+    assert health(flown, slides=False).slid == 0.0
 
 
 def test_what_is_over_within_a_second_is_no_rotor():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.data.samples import DAMAGED
+from coaxlink.health.judge import Health
 from coaxlink.health.premises import flown_by, judged
 from coaxlink.premises import as_if, moves, other_vehicle, unseen
 from coaxlink.residual import refine
@@ -161,6 +163,20 @@ def test_what_a_log_lacks_is_no_verdict(flights):
         for found in (judged([log], ["f"], Vehicle(X8, rotors)), refine(log, X8, rotors)):
             assert found.verdict == "cannot judge"
             assert [c.premise for c in found.cannot_judge] == [premise]
+
+
+def test_a_rotor_that_a_slide_would_explain_is_not_called_sound(flights, monkeypatch):
+    answers = {True: ("sound", 0.99), False: ("ground it", 0.0)}
+
+    def judge(*_, slides):
+        verdict, slid = answers[slides]
+        return replace(
+            Health.withheld(()), verdict=verdict, slid=slid, suspects=(SimpleNamespace(number=WEAK),)
+        )
+
+    monkeypatch.setattr("coaxlink.health.premises.judge", judge)
+    found = judged([flights[0]], ["f"], body(sources=MEASURED))
+    assert [c.premise for c in found.cannot_judge] == ["payload"] and "rotor 3" in found.cannot_judge[0].why
 
 
 @pytest.mark.slow
