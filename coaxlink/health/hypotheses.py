@@ -199,10 +199,10 @@ def _compared(sums: Sequence[FlightSums], slides: bool) -> tuple[Comparison, _Hy
         sd = np.sqrt(np.maximum(second / np.maximum(weight, 1e-300) - each**2, 0.0))
         mended.append(Mended(since, until, much / total, each, sd))
     moved = [bool(onset and onset.start_s is not None) for _, onset in payloads]
-    slid = float(ways[moved].sum()) / total
+    on_the_way = float(ways[moved].sum()) / total
     found = Comparison(
         tuple(s.onsets for s in sums), tuple(m / total for m in mass), given(matters), given(mean),
-        given(square), gain, tuple(mended), 1.0 - float(ways[0]) / total, slid, nuisance.information[0],
+        given(square), gain, tuple(mended), 1.0 - float(ways[0]) / total, on_the_way, nuisance.information[0],
     )  # fmt: skip
     way, fault = int(np.argmax(sound)), None
     most = sound[way]
