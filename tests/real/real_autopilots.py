@@ -7,8 +7,6 @@ looked for beside it, in ../etc.
 from __future__ import annotations
 
 import json
-import math
-import multiprocessing
 import os
 import random
 import signal
@@ -18,12 +16,12 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from losing_world import Loss, losing_bridge
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
@@ -36,13 +34,6 @@ from coaxlink.mavlink.session import Session
 from coaxlink.studies.simulator import free_port
 from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.worker import Uploader
-from sim.bridge.ardupilot_json import ArduPilotBridge
-from sim.bridge.px4_hil import Px4Bridge
-from sim.effects import FORMS, HiddenEffect
-from sim.physics.plant import Plant
-from sim.physics.rotors import read_pair
-from sim.truth import Truth
-from sim.vehicle import read_vehicle
 
 ROOT = Path(__file__).parents[2]
 AIRFRAME = ROOT / "examples" / "x8_demo.toml"
@@ -65,70 +56,6 @@ def bridge(to: str, *options: str, port: int = 0) -> Iterator[int]:
     finally:
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=600)
-
-
-@dataclass(frozen=True)
-class Loss:
-    """Rotor `rotor` loses `share` of its thrust `after_s` in the air, or when `told` (an event)."""
-
-    rotor: int
-    share: float
-    after_s: float = math.inf
-    told: Any = None
-
-    @classmethod
-    def by_word(cls, rotor: int, share: float) -> Loss:
-        """One that waits for its event."""
-        return cls(rotor, share, told=multiprocessing.get_context("spawn").Event())
-
-
-class Losing(Truth):
-    """A world in which that happens."""
-
-    def __init__(self, loss: Loss) -> None:
-        super().__init__()
-        self.loss, self.air_s, self.last_s, self.happened = loss, 0.0, 0.0, False
-
-    def act(self, plant: Plant) -> None:
-        super().act(plant)
-        since, self.last_s = plant.time_s - self.last_s, plant.time_s
-        self.air_s += 0.0 if plant.height < 0.5 else since
-        due = self.air_s >= self.loss.after_s or (self.loss.told is not None and self.loss.told.is_set())
-        if due and not self.happened:
-            self.happened = True
-            effect = HiddenEffect("degraded_rotor", self.loss.share, 0.0, {"rotor": self.loss.rotor})
-            FORMS[effect.name].apply(plant, effect)
-
-
-def _losing_world(to: str, port: int, speed: float, loss: Loss, over: Any, pipe: Any) -> None:
-    vehicle = read_vehicle(AIRFRAME)
-    assert vehicle.rotor_file is not None
-    plant, truth = Plant(vehicle, read_pair(vehicle.rotor_file)), Losing(loss)
-    world: Any = (
-        Px4Bridge(plant, truth, port=port, seed=0, speed=speed)
-        if to == "px4"
-        else ArduPilotBridge(plant, truth, port=port)
-    )
-    pipe.send(int(world.name.rpartition(":")[2]))
-    try:
-        world.run(over.is_set)
-    finally:
-        world.close()
-
-
-@contextmanager
-def losing_bridge(to: str, loss: Loss, speed: float, port: int = 0) -> Iterator[int]:
-    """As `bridge`, of a vehicle to which that happens."""
-    context = multiprocessing.get_context("spawn")
-    over, (ours, theirs) = context.Event(), context.Pipe()
-    process = context.Process(target=_losing_world, args=(to, port, speed, loss, over, theirs), daemon=True)
-    process.start()
-    try:
-        assert ours.poll(120.0)
-        yield ours.recv()
-    finally:
-        over.set()
-        process.join(20.0)
 
 
 @contextmanager
@@ -197,7 +124,7 @@ def px4(
     """A PX4 that is ready to boot; `options` are the bridge's, or `speed` where something is lost."""
     instance = free_instance()
     port = 4560 + instance
-    with losing_bridge("px4", loss, speed, port) if loss else bridge("px4", *options, port=port):
+    with losing_bridge("px4", AIRFRAME, loss, speed, port) if loss else bridge("px4", *options, port=port):
         yield Px4(binary, folder, instance)
 
 
@@ -238,7 +165,7 @@ def arducopter(
     defaults = folder / "defaults.parm"
     defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
     link = free_port()
-    with losing_bridge("ardupilot", loss, 0.0) if loss else bridge("ardupilot", *options) as port:
+    with losing_bridge("ardupilot", AIRFRAME, loss) if loss else bridge("ardupilot", *options) as port:
         command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(port)]
         command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults)]
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]

@@ -16,8 +16,9 @@ from typing import Any
 import pytest
 
 os.environ.setdefault("MAVLINK20", "1")
+from losing_world import Loss
 from pymavlink import mavutil
-from real_autopilots import AIRFRAME, ROOT, Loss, arducopter, held, px4
+from real_autopilots import AIRFRAME, ROOT, arducopter, held, px4
 from test_real_ardupilot import FACTORY
 from test_real_px4 import factory
 

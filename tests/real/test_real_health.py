@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from real_autopilots import AIRFRAME, ROOT, Loss, coaxlink, take_off
+from losing_world import Loss
+from real_autopilots import AIRFRAME, ROOT, coaxlink, take_off
 from test_real_fly import ENDING, Flier, firmwares, flier
 
 from coaxlink.fly.trajectory import FlightPlan, Hold

@@ -6,215 +6,41 @@ prints what it measured: `pytest -s`.
 
 from __future__ import annotations
 
-import heapq
 import json
 import os
-import select
 import signal
-import socket
-import struct
 import subprocess
-import sys
-import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as m
+from losing_world import Loss
+from module_air import HERE, LAW, Air, exact_split, flying, rms_m, split, tell
 from pyulog import ULog
-from real_autopilots import (
-    AIRFRAME,
-    PAIRS,
-    ROOT,
-    Loss,
-    Px4,
-    coaxlink,
-    hover,
-    px4,
-    real_time,
-    take_off,
-)
+from real_autopilots import AIRFRAME, coaxlink, hover, px4, real_time, take_off
 from test_real_px4 import factory
 
-from coaxlink.fly.commands import Commander
-from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment
+from coaxlink.fly.trajectory import Circle, Hold, Move
 from coaxlink.live.module_end import REFUSALS
-from coaxlink.live.onboard.description import board_law
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.session import Session
-from coaxlink.mixer import make_law
 from coaxlink.studies.simulator import free_port
-from coaxlink.vehicle import load_vehicle
 
 BINARY = os.environ.get("PX4_MODULE_SITL", "")
 pytestmark = [
     pytest.mark.skipif(not BINARY, reason="PX4_MODULE_SITL names no binary with the module"),
     pytest.mark.timeout(900),
 ]
-VEHICLE = load_vehicle(AIRFRAME)
-LAW = board_law(VEHICLE)
-HERE, THERE, RIM = (0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (2.0, 0.0, -3.0)
+THERE, RIM = (1.0, 0.0, -3.0), (2.0, 0.0, -3.0)
 TIMEOUT_S, GRAIN_S = 0.020, 0.012  # COAX_TIMEOUT; the demand's period, twice, and the world's
-
-
-class Line(threading.Thread):
-    """Datagrams between PX4's link and the companion; the companion's `late_s` and as `fault` spoils them."""
-
-    def __init__(self) -> None:
-        super().__init__(daemon=True)
-        self.board_port, self.companion_port, self.port = free_port(), free_port(), free_port()
-        self.late_s, self.fault, self.over = 0.0, "", False
-        self.px4_port = free_port()
-        self.packer = m.MAVLink(None, 245, 191)
-
-    def run(self) -> None:
-        with (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion,
-        ):
-            board.bind(("127.0.0.1", self.board_port))
-            companion.bind(("127.0.0.1", self.companion_port))
-            waiting: list[tuple[float, int, bytes]] = []
-            count = 0
-            while not self.over:
-                patience = max(waiting[0][0] - time.monotonic(), 0.0) if waiting else 0.1
-                for ready in select.select([board, companion], [], [], patience)[0]:
-                    data = ready.recv(65536)
-                    if ready is board:
-                        companion.sendto(data, ("127.0.0.1", self.port))
-                    elif self.fault != "line dead":
-                        count += 1
-                        due = time.monotonic() + self.late_s
-                        heapq.heappush(waiting, (due, count, self.spoilt(data)))
-                while waiting and waiting[0][0] <= time.monotonic():
-                    board.sendto(heapq.heappop(waiting)[2], ("127.0.0.1", self.px4_port))
-
-    def spoilt(self, data: bytes) -> bytes:
-        """The datagram, its TUNNEL replaced."""
-        if not self.fault or data[0] != 0xFD or data[7:10] != (385).to_bytes(3, "little"):
-            return data
-        message = m.MAVLink(None).parse_buffer(data)[0]
-        body = bytearray(message.payload[: message.payload_length])
-        value = {"not a number": float("nan"), "a lie": 1.0}[self.fault]
-        body[16:] = struct.pack("<8f", *[value] * 8)
-        self.packer.seq = message.get_seq()
-        payload = list(body) + [0] * (128 - len(body))
-        to = message.target_system, message.target_component
-        return bytes(
-            m.MAVLink_tunnel_message(*to, message.payload_type, len(body), payload).pack(self.packer)
-        )
-
-
-class Air:
-    """A vehicle at 3 m on the module, seen by PX4's own messages, and a line to it for a companion."""
-
-    def __init__(self, board: Px4, session: Session, folder: Path, *, module: bool = True) -> None:
-        self.board, self.session, self.folder = board, session, folder
-        if module:
-            board.start_module(LAW.hover)
-        self.line = Line()
-        self.line.start()
-        self.link(self.line.px4_port, self.line.board_port)
-        self.vehicle: Commander = take_off(session)
-        self.fly(Hold("settle", HERE, 6.0))
-
-    def link(self, own: int, companion: int) -> None:
-        """PX4 speaks from one port of loopback to another."""
-        link = ("-u", str(own), "-o", str(companion), "-r", "4000000", "-m", "onboard")
-        self.board.shell("mavlink", "start", "-x", *link)
-
-    def fly(self, *plan: Segment, watch: Any = None) -> dict[str, Any]:
-        """What was flown, by PX4's clock.
-
-        A row a set-point: `segment`, `time` (s), `off` (rows, 3) from the set-point and `down` (m); `share`
-        (rows, 2) of the companion (s, 0..1); `pulses` (rows, 1 + 8) s and us, and their `split`; the module's
-        `facts`, the last of each.
-        """
-        kinds = ("DEBUG_FLOAT_ARRAY", "SERVO_OUTPUT_RAW")
-        for kind in (m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY, m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW):
-            assert self.session.request_stream(kind, 250.0 if kind == 350 else 50.0)
-        with self.session.listen(kinds) as heard:
-            track = self.vehicle.follow(FlightPlan(plan), watch)
-            share, pulses, refused = [], [], {}
-            while (message := self.session.take(heard, 0.0)) is not None:
-                if message.get_type() == "SERVO_OUTPUT_RAW":
-                    us = [getattr(message, f"servo{n}_raw") for n in range(1, 9)]
-                    pulses.append([message.time_usec / 1e6, *us])
-                else:
-                    share.append((message.time_usec / 1e6, message.data[10]))
-                    refused[int(message.data[11])] = message.data[12]
-        return {
-            "segment": np.array(track.segment), "time": np.array(track.time_s),
-            "off": np.array(track.flown_m) - np.array(track.wanted_m), "down": np.array(track.flown_m)[:, 2],
-            "share": np.array(share), "pulses": np.array(pulses), "split": split(np.array(pulses)[:, 1:]),
-            "facts": refused,
-        }  # fmt: skip
-
-    def start_mix(self, port: int, law: str, name: str) -> subprocess.Popen[str]:
-        """`coaxlink mix`, listening; what it says is in `name`.log."""
-        command = [sys.executable, "-m", "coaxlink", "mix", str(AIRFRAME), "--law", law]
-        command += ["--connect", f"udpin:127.0.0.1:{port}", "--json", str(self.folder / f"{name}.json")]
-        with (self.folder / f"{name}.log").open("a") as log:
-            return subprocess.Popen(
-                command, stdout=log, stderr=log, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
-            )
-
-    @contextmanager
-    def mix(self, law: str = "reduced") -> Iterator[subprocess.Popen[str]]:
-        """`coaxlink mix` on the line, driving; the reduced law has another split than the module's own."""
-        process = self.start_mix(self.line.port, law, "mix")
-        try:
-            for _ in range(20):
-                if self.fly(Hold("until it drives", HERE, 1.0))["share"][-1, 1] == 1.0:
-                    break
-            else:
-                raise AssertionError((self.folder / "mix.log").read_text())
-            yield process
-        finally:
-            process.send_signal(signal.SIGCONT)
-            process.send_signal(signal.SIGINT)
-            process.wait(30.0)
-
-
-def tell(what: str) -> None:
-    """What was measured."""
-    sys.stdout.write(f"\n{what}")
-
-
-def split(pulses: Any) -> float:
-    """Lower over upper pulse above 1000 us, mean of the pairs."""
-    on = pulses.mean(axis=0) - 1000.0
-    return float(np.mean([on[low] / on[up] for up, low in PAIRS]))
-
-
-def exact_split() -> float:
-    """Of the exact law at the weight."""
-    speeds = make_law("exact", VEHICLE).speeds([9.80665 * VEHICLE.airframe.mass_kg, 0.0, 0.0, 0.0])
-    return float(np.mean([speeds[low] / speeds[up] for up, low in PAIRS]))
-
-
-def rms_m(off: Any) -> float:
-    """Of rows (rows, 3)."""
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 @pytest.fixture(scope="module")
 def air(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Air]:
-    folder = tmp_path_factory.mktemp("module")
-    (folder / "px4").mkdir()
-    with (
-        real_time(),
-        px4(Path(BINARY), folder / "px4", "--airframe", str(AIRFRAME), "--speed", "1") as board,
-        board.boot(factory(folder / "standard") | {"SDLOG_PROFILE": 17}, cut=True) as url,
-        connect(url, timeout_s=90.0) as session,
-    ):
-        air = Air(board, session, folder)
+    with flying(Path(BINARY), tmp_path_factory.mktemp("module"), SDLOG_PROFILE=17) as air:
         yield air
-        air.line.over = True
 
 
 def test_the_module_flies_alone(air: Air) -> None:
@@ -377,16 +203,10 @@ DEAD, WEAK = 4, 3  # rotors
 @pytest.mark.parametrize("flown_by", ["px4", "module", "companion"])
 def test_a_rotor_dies_and_is_taken_out(tmp_path: Path, flown_by: str) -> None:
     """It stops in the plant; PX4's failure detector hears nothing of it any more (`failure motor off`)."""
-    (tmp_path / "px4").mkdir()
     loss = Loss.by_word(DEAD, 1.0)
     cares = {"SYS_FAILURE_EN": 1, "CA_FAILURE_MODE": 1, "FD_ACT_EN": 1}
-    with (
-        real_time(),
-        px4(Path(BINARY), tmp_path / "px4", loss=loss) as board,
-        board.boot(factory(tmp_path / "standard") | cares, cut=True) as url,
-        connect(url, timeout_s=90.0) as session,
-    ):
-        air = Air(board, session, tmp_path, module=flown_by != "px4")
+    with flying(Path(BINARY), tmp_path, loss=loss, module=flown_by != "px4", **cares) as air:
+        board, session = air.board, air.session
         began: list[float] = []
         told: list[subprocess.Popen[bytes]] = []
 
@@ -399,7 +219,6 @@ def test_a_rotor_dies_and_is_taken_out(tmp_path: Path, flown_by: str) -> None:
 
         with air.mix() if flown_by == "companion" else nullcontext():
             flown = air.fly(Hold("sound", HERE, 3.0), Hold("dead", HERE, 8.0), watch=die)
-        air.line.over = True
         assert told[0].wait(10.0) == 0
         air.vehicle.land()
     pulses, after = flown["pulses"], flown["segment"] == "dead"
@@ -418,21 +237,13 @@ def test_a_rotor_dies_and_is_taken_out(tmp_path: Path, flown_by: str) -> None:
 
 
 def test_mix_names_a_rotor_that_loses_a_tenth(tmp_path: Path) -> None:
-    (tmp_path / "px4").mkdir()
     loss = Loss.by_word(WEAK, 0.1)
-    with (
-        real_time(),
-        px4(Path(BINARY), tmp_path / "px4", loss=loss) as board,
-        board.boot(factory(tmp_path / "standard"), cut=True) as url,
-        connect(url, timeout_s=90.0) as session,
-    ):
-        air = Air(board, session, tmp_path)
+    with flying(Path(BINARY), tmp_path, loss=loss) as air:
         with air.mix("exact"):
             air.fly(Hold("sound", HERE, 20.0))
-            since = session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3
+            since = air.session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3
             loss.told.set()
             air.fly(Hold("weak", HERE, 8.0))
-        air.line.over = True
         air.vehicle.land()
     (call,) = json.loads((tmp_path / "mix.json").read_text())["health"]["calls"]
     tell(
