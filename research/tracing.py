@@ -4,6 +4,7 @@ numbers.
     python research/tracing.py SET... [--kind stand|flight] [--name NAME] [--only CASE,...] [--rows]
     python research/tracing.py SET... --against NAME    # rows: the answers of two methods side by side
     python research/tracing.py SET... --train coaxlink/residual/diagnosis/calibration.toml
+    python research/tracing.py SET... --kind flight --train .../diagnosis/calibration_flights.toml
     PYTHONPATH=../old python research/tracing.py SET... --name old    # another checkout
     python research/tracing.py --small
 
@@ -442,7 +443,7 @@ class Example:
 
 def examples(log: Log, answer: Answer) -> Iterator[Example]:
     """What an answer weighed. That something is there at all is asked of the log as it came."""
-    from coaxlink.residual.diagnosis.decide import opened_terms, terms_of
+    from coaxlink.residual.diagnosis.decide import flown_terms, opened_terms, terms_of
     from coaxlink.residual.diagnosis.features import Candidate
 
     sets, hidden = accepted(log.truth), frozenset(log.truth["effects"])
@@ -454,7 +455,10 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
             continue
         there = hidden.union(*sets)
         true = bool(there & {*names}) if len(names) > 1 else names[0] in there and log.sort != "ambiguous"
-        if log.sort != "real":
+        if log.kind == "flight":
+            if log.sort != "real":
+                yield Example(log, "flight", names, flown_terms(numbers["tempered"]), true)
+        elif log.sort != "real":
             yield Example(log, "name", names, terms_of(Candidate(names, numbers)), true)
 
 
@@ -470,7 +474,7 @@ class Logistic:
         return 1.0 / (1.0 + math.exp(-max(min(total, 30.0), -30.0)))
 
 
-def logistic(mine: Sequence[Example]) -> Logistic:
+def logistic(mine: Sequence[Example], ridge: float = RIDGE) -> Logistic:
     """Fitted with every author weighing as the root of his logs, and signs that evidence can have."""
     import numpy as np
     from scipy.optimize import minimize
@@ -493,7 +497,7 @@ def logistic(mine: Sequence[Example]) -> Logistic:
         total = z @ t[1:] + t[0]
         slope = weight * (1.0 / (1.0 + np.exp(-total)) - y)
         value = float(weight @ np.logaddexp(0.0, np.where(y > 0, -total, total)))
-        return value + 0.5 * RIDGE * float(t[1:] @ t[1:]), np.r_[slope.sum(), z.T @ slope + RIDGE * t[1:]]
+        return value + 0.5 * ridge * float(t[1:] @ t[1:]), np.r_[slope.sum(), z.T @ slope + ridge * t[1:]]
 
     limits = [(None, None), *map(bounds, names)]
     found = minimize(cost, np.zeros(len(names) + 1), jac=True, method="L-BFGS-B", bounds=limits).x
@@ -537,6 +541,26 @@ def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
         )
 
 
+def train_flights(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
+    """Write the probability of a flight's names; print how it does on every set when that is left out."""
+    import tomli_w
+
+    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
+    said: dict[int, float] = {}
+    for root in {e.log.root for e in every}:
+        fitted = logistic([e for e in every if e.log.root != root], ONE_TERM)
+        said |= {id(e): fitted(e.terms) for e in every if e.log.root == root}
+    fitted = logistic(every, ONE_TERM)
+    weights = {k: round(w, 5) for k, w in fitted.weights.items()}
+    counts = Counter(e.author for e in every)
+    head = "# written by: python research/tracing.py SET... --kind flight --train; names: "
+    said_of = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
+    out = {"flight": {"intercept": round(fitted.intercept, 5), "weights": weights}}
+    path.write_text(f"{head}{said_of}\n{tomli_w.dumps(out)}")
+    print(f"flights, every set left out in turn: {reliability(every, said)}")
+
+
+ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight with
 GROUP = 0.75  # judgement: of four groups of names that are said, one may hold none that is there
 
 
@@ -617,7 +641,7 @@ def main() -> None:
                 print(f"{row(one)}\n{'':26s}{a.against}: {other.said} ({other.right:g})")
         print(table(others))
     if a.train:
-        train(logs, [ask(log) for log in logs], a.train)
+        (train_flights if a.kind == ["flight"] else train)(logs, [ask(log) for log in logs], a.train)
     elif a.rows:
         print("\n".join(row(s) for s in scores))
     print(table(scores))

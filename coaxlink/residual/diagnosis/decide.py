@@ -22,6 +22,7 @@ from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
 from coaxlink.residual.diagnosis.posterior import Posterior
 
+FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --train` writes it
 WAYS = ("raw", "tempered", "own")
 
 
@@ -96,15 +97,14 @@ def decided(ch: Channels, found: Posterior) -> Decision:
 
 
 @cache
-def calibration() -> dict[str, Any]:
+def calibration(file: str = "calibration.toml") -> dict[str, Any]:
     """Levels, and of each model the intercept and the weights of its terms."""
-    text = resources.files("coaxlink.residual.diagnosis").joinpath("calibration.toml").read_text()
-    return tomllib.loads(text)
+    return tomllib.loads(resources.files("coaxlink.residual.diagnosis").joinpath(file).read_text())
 
 
 def probability(model: str, terms: Mapping[str, float]) -> float:
     """That a candidate is there, of its terms."""
-    weights = calibration()[model]
+    weights = (calibration(FLIGHTS) if model == "flight" else calibration())[model]
     total = weights["intercept"] + sum(weights["weights"][k] * v for k, v in terms.items())
     return float(1.0 / (1.0 + np.exp(-np.clip(total, -30.0, 30.0))))
 
@@ -124,6 +124,11 @@ def terms_of(candidate: Candidate) -> dict[str, float]:
 def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
     """The numbers of what is left open as the logistic model takes them."""
     return {name: _scaled(name, value) for name, value in numbers.items()}
+
+
+def flown_terms(nats: float) -> dict[str, float]:
+    """What a flight's name is judged by: `flight.borne_out`."""
+    return {"tempered": _scaled("tempered", nats)}
 
 
 PLAIN = ("agree", "beside", "forms", "members")  # numbers that are no nats

@@ -11,10 +11,11 @@ from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
 from coaxlink.residual.channels.flight_problem import flight_variables
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.hypotheses import Scorer, begun
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.judge import NAMED_NATS, WORTH_TELLING
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.posterior import posterior
 from coaxlink.residual.diagnosis.search import Search
 from coaxlink.residual.regression.joint_model import Member, Part
 from coaxlink.residual.regression.problem import Problem
@@ -66,17 +67,35 @@ def flight_channels(bare: FlightFrame, known: Sequence[Part], p: Problem) -> Cha
     )
 
 
+def borne_out(ch: Channels, members: Sequence[Member]) -> dict[str, float]:
+    """Tempered nats (`posterior`) of every member over the others alone."""
+    scorer, held = _own_colour(ch, members)
+    best = scorer.score(held.members, (), held.fit.noise)
+    without = [
+        scorer.score([m for m in best.members if m is not mine], (), best.fit.noise) for mine in best.members
+    ]
+    found = posterior(ch, scorer.colour, [best, *without])
+    behind = {id(h): float(b) for h, b in zip(found.sets, found.behind, strict=True)}
+    pairs = zip(best.members, without, strict=True)
+    return {m.name: behind[id(h)] - behind[id(best)] for m, h in pairs}
+
+
+def _own_colour(ch: Channels, members: Sequence[Member]) -> tuple[Scorer, Hypothesis]:
+    """The scorer under the colour of what these members leave, and them as they stand."""
+    held = [begun(ch, m.effect, m.shape, m.coefficients) for m in members]
+    scorer = Scorer(ch, colour_of(Scorer(ch, white(ch.count)).linearised(held, (), None)[0].left))
+    return scorer, scorer.linearised(held, (), None)[0]
+
+
 def would_show(ch: Channels, members: Sequence[Member], rows: int) -> list[WouldShow]:
     """The smallest size of every effect of the grid that would have been named beside these members.
 
     Of `rows` judged rows: it has the evidence of a stand's names, and lowers the squared error of a channel
     by the share that the selection asks for.
     """
-    scorer = Scorer(ch, white(ch.count))
-    held = [begun(ch, m.effect, m.shape, m.coefficients) for m in members]
-    scorer = Scorer(ch, colour_of(scorer.linearised(held, (), None)[0].left))
+    scorer, held = _own_colour(ch, members)
     search = Search(scorer)
-    search.visited.add(scorer.linearised(held, (), None)[0])
+    search.visited.add(held)
     nats = max(NAMED_NATS, -0.5 * rows * float(np.log(1.0 - GAIN))) * len(ch.target) / rows
     found = search.would_show(nats, limited=True)
     shown = [WouldShow(n, max(s, SIZE), c) for n, (s, c) in found.items()]

@@ -23,14 +23,26 @@ from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
 from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
 from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled, undone, without
-from coaxlink.residual.diagnosis.flight import flight_channels, would_show
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.decide import flown_terms
+from coaxlink.residual.diagnosis.decide import probability as probability_of
+from coaxlink.residual.diagnosis.flight import borne_out, flight_channels, would_show
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
-from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.result import AT, Ambiguous, FoundEffect, Refinement, Step, WouldShow, probability
+from coaxlink.residual.result import (
+    AMONG_KNOWN,
+    AT,
+    Ambiguous,
+    FoundEffect,
+    Refinement,
+    Step,
+    WouldShow,
+    probability,
+)
 from coaxlink.residual.search.change_point import with_onsets, with_option
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
@@ -127,7 +139,11 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
 
     judged = with_rivals(judged, c.problem, fitted, c.names - chosen)
     said = _sure_of_place(answer(judged, several), where)
-    return said if mislabelled else replace(said, would_show=_least(f, c, said))
+    if mislabelled:
+        return said
+    ch = flight_channels(f.bare, known, c.problem)
+    members = [m for m in c.joint.members if m.name in said.names]
+    return _weighed_anew(replace(said, would_show=_least(ch, members, said, c.problem)), ch, members)
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:
@@ -213,12 +229,30 @@ def _placed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Place, ...], tuple[A
     return chosen, tuple(found), ()
 
 
-def _least(f: _Flight, c: _Choice, said: Refinement) -> tuple[WouldShow, ...]:
+def _least(ch: Channels, members: Sequence[Member], said: Refinement, p: Problem) -> tuple[WouldShow, ...]:
     """The smallest size of every effect that is not named that these flights would have shown."""
     named = said.names.union(*(a.names for a in said.ambiguous))
-    members = [m for m in c.joint.members if m.name in named]
-    shown = would_show(flight_channels(f.bare, f.known, c.problem), members, len(c.problem.residual))
-    return tuple(w for w in shown if w.name not in named)
+    return tuple(w for w in would_show(ch, members, len(p.residual)) if w.name not in named)
+
+
+def _weighed_anew(said: Refinement, ch: Channels, members: Sequence[Member]) -> Refinement:
+    """With the probability of each name that its evidence over the others alone has had."""
+    if not any("probability" in e.evidence for e in said.effects):
+        return said
+    nats = borne_out(ch, members)
+    sure = {name: probability_of("flight", flown_terms(n)) for name, n in nats.items()}
+
+    def told(e: FoundEffect) -> FoundEffect:
+        if "probability" not in e.evidence:
+            return e
+        p = e.evidence["probability"] / AMONG_KNOWN * sure[e.name]
+        return replace(e, evidence={**e.evidence, "probability": round(p, 4)})
+
+    weighed = tuple(
+        {"names": [e.name], "probability": sure[e.name], "numbers": {"tempered": nats[e.name]}}
+        for e in said.effects
+    )
+    return replace(said, effects=tuple(told(e) for e in said.effects), weighed=weighed)
 
 
 def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:

@@ -74,5 +74,7 @@ def test_what_would_have_been_shown_is_named_where_it_is_there(flights):
     assert {"degraded_rotor", "rotor_drag", "cg_offset", "mass_change"} <= set(sound)
     assert all(0.005 <= share < 0.3 for share in sound.values())
     dragged = refine(*flights[DRAGGED])
-    assert {e.name for e in dragged.effects} == {"rotor_drag"}
+    (drag,) = dragged.effects
+    assert drag.name == "rotor_drag" and 0.9 < drag.evidence["probability"] <= 1.0
+    assert dragged.weighed[0]["numbers"]["tempered"] > 50.0
     assert "rotor_drag" not in {w.name for w in dragged.would_show}
