@@ -23,44 +23,6 @@ def names(columns, model=None):
     return sorted(e.name for e in answer.effects), [set(a.names) for a in answer.ambiguous]
 
 
-@pytest.mark.parametrize(
-    ("name", "numbers"),
-    [
-        ("battery_voltage", {"cap": 0.9, "soft": 0.03, "reach": 1.0, "speed_exponent": 1.0}),
-        ("motor_heating", {"speed_loss_per_100K": -0.1}),
-        ("motor_heating", {"own_s": 60.0, "speed_loss_per_100K": 0.02, "own_speed_loss": 0.05}),
-        ("rotor_lag", {"lag_s": 0.2, "damping": 0.5, "stepped": 1.0, "share": 1.0}),
-        ("dead_band", {"cells": 1.0, "band": 0.03, "knee": 5.0, "torque": 0.8, "share": 1.0}),
-        (
-            "hysteresis",
-            {
-                "lower": 1.0,
-                "angle": 1.0,
-                "reach": 0.3,
-                "spread": 1.5,
-                "thrust_share": 0.1,
-                "torque_share": -0.1,
-            },
-        ),
-        (
-            "sensor_drift",
-            {"cycles": 3.0, "phase": 0.1, "slope": 0.5}
-            | {f"cell{n}_{kind}": 0.1 * (n + 1) for n in range(4) for kind in ("drift", "zero", "span")},
-        ),
-    ],
-)
-def test_a_form_is_read_back_as_it_was_written(name, numbers, paper):
-    frame = stand_frame(Samples(run(seed=21, rpm=False), "rig.csv"), paper)
-    tracing = effect(name).stand
-    shape, coefficients = tracing.inverse(frame, numbers)
-    assert tracing.refuse(numbers) is None
-    columns = tracing.columns(frame, shape)
-    assert columns.shape == (len(frame.time_s), 6, len(coefficients))
-    assert np.abs(columns @ coefficients).max() > 0.0
-    back = tracing.parameters(frame, shape, coefficients)
-    assert {k: back[k] for k in numbers} == pytest.approx(numbers)
-
-
 def meter(volts, u, rows, step_s=1.0):
     return SimpleNamespace(
         time_s=step_s * np.arange(rows),
