@@ -69,6 +69,7 @@ def every_form(frame, effects):
 
 def holds(tracing, frame, numbers):
     """There and back; what it adds is its columns times coefficients; what moves lies within its bounds."""
+    assert set(numbers) <= set(tracing.units)
     form, _ = tracing.inverse(frame, numbers)
     for name, (low, high) in tracing.free(frame, form).items():
         known = tracing.effect.known[name]
