@@ -22,12 +22,6 @@ WAKE = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")  # the lower r
 OF_LOADS = ("loads_share", "torque_loads_share", "upper_loads_share", "upper_torque_loads_share")
 
 
-def _spacing(frame: StandFrame) -> Array:
-    z = frame.context("rotor_spacing_m")
-    assert z is not None
-    return z / float(np.median(z)) - 1.0
-
-
 def _no_spacing(frame: StandFrame) -> str | None:
     z = frame.context("rotor_spacing_m")
     if z is None:
@@ -58,7 +52,8 @@ def share_of(p: Numbers, load: Load) -> float:
 
 
 def _adds(frame: StandFrame, p: Numbers) -> Array:
-    change, out = spread(p, _spacing(frame)), np.zeros((len(frame.time_s), 6))
+    relative = frame.columns["rotor_spacing_m"] / p["reference_spacing_m"] - 1.0
+    change, out = spread(p, relative), np.zeros((len(frame.time_s), 6))
     if "loads_share" in p:
         for load in Load:
             out[:, load] = share_of(p, load) * change * frame.predicted[:, load]
@@ -92,7 +87,8 @@ def _starts(frame: StandFrame) -> list[Numbers]:
 
 def _further(frame: StandFrame, p: Numbers) -> list[Numbers]:
     forms: list[Numbers] = []
-    if "decay" not in p and len(np.unique(np.round(_spacing(frame), 2))) > 2:
+    z = frame.columns["rotor_spacing_m"]
+    if "decay" not in p and len(np.unique(np.round(z / np.median(z), 2))) > 2:
         forms.append({**p, "decay": 1.0})
     decay = {k: v for k, v in p.items() if k == "decay"}
     if "loads_share" not in p:

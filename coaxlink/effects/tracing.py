@@ -132,6 +132,18 @@ class Tracing(Generic[Frame]):
                 out[p.name] = value
         return out
 
+    def completed(self, frame: Frame, numbers: Numbers) -> dict[str, float]:
+        """A rotor file's numbers, with what follows from them here; raises NotShown where one is missing."""
+        out = dict(numbers)
+        try:
+            for p in self.effect.following:
+                value = None if p.name in out else p.follows(frame, out)  # type: ignore[misc]
+                out |= {} if value is None else {p.name: value}
+            self.acting(frame, out)
+        except KeyError as absent:
+            raise NotShown(f"its number {absent.args[0]} is missing") from None
+        return out
+
     def _own(self, frame: Frame, shape: Shape, coefficients: Array) -> dict[str, float]:
         """As `parameters`, without what follows from them; amounts first."""
         amounts = self._amounts(shape)

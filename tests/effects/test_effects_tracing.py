@@ -9,7 +9,7 @@ from residual_rig import run
 
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
-from coaxlink.effects import flight_effects, stand_effects
+from coaxlink.effects import NotShown, flight_effects, stand_effects
 from coaxlink.files import example
 from coaxlink.frames import FLIGHT_CHANNELS, FlightFrame
 from coaxlink.residual.channels.stand import stand_frame
@@ -53,6 +53,19 @@ def test_every_form_on_a_stand(stand):
 def test_every_form_in_a_flight(flight):
     every_form(flight, flight_effects())
     assert {c for t in flight_effects() for c in t.channels} == set(FLIGHT_CHANNELS)
+
+
+def test_a_rotor_files_numbers_are_completed_or_it_says_which_is_missing(stand, flight):
+    density, spacing, drag = (
+        next(t for t in (*stand_effects(), *flight_effects()) if t.name == name)
+        for name in ("air_density", "rotor_spacing", "rotor_drag")
+    )
+    known = density.completed(stand, {"density_exponent": 1.0})
+    assert known["reference_density_kg_m3"] == pytest.approx(1.2, abs=0.1)
+    with pytest.raises(NotShown, match="upper_gain_N is missing"):
+        spacing.completed(stand, {"wake_thrust_share": 0.1, "wake_torque_share": 0.1})
+    whole = {"drag_per_speed_N_s_m": 0.5, "moment_share": 1.0}
+    assert drag.completed(flight, whole) == whole
 
 
 def every_form(frame, effects):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coaxlink.effects import flight_effects
+from coaxlink.effects import NotShown, flight_effects
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
 from coaxlink.residual.nuisance.flight_corrections import flight_corrections
@@ -36,7 +36,10 @@ def known_parts(frame: FlightFrame) -> tuple[list[Part], list[str]]:
         if absent:
             notes.append(f"the model's effect {known.name} needs {absent[0]}, which the log lacks: left out")
             continue
-        parts.append((effect, known.parameters))
+        try:
+            parts.append((effect, effect.completed(frame, known.parameters)))
+        except NotShown as why:
+            notes.append(f"the model's effect {known.name} is left out: {why}")
     return parts, notes
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from coaxlink.effects import stand_effects
+from coaxlink.effects import NotShown, stand_effects
 from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.regression.joint_model import Part
 
@@ -18,11 +18,13 @@ def known_parts(frame: StandFrame) -> tuple[list[Part], list[str]]:
     notes = []
     for known in frame.model.effects:
         effect = by_name.get(known.name)
-        why = "it is none of a stand" if effect is None else effect.missing(frame)
-        if effect is None or why is not None:
+        try:
+            if effect is None:
+                raise NotShown("it is none of a stand")
+            effect.starts(frame)
+            parts.append((effect, effect.completed(frame, known.parameters)))
+        except NotShown as why:
             notes.append(f"the model's effect {known.name} is left out: {why}")
-        else:
-            parts.append((effect, known.parameters))
     return parts, notes
 
 
