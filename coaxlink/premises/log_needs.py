@@ -46,7 +46,7 @@ def unseen(logs: Sequence[Samples]) -> Iterator[str]:
             continue
         time, mean = log["time_s"], np.nan_to_num(np.mean([log[n] for n in names], axis=0))
         flying = mean > FLYING * np.median(mean[mean > AT_REST]) if np.any(mean > AT_REST) else mean > 1.0
-        gaps = np.where(flying[:-1] & flying[1:], np.diff(time), 0.0)
+        gaps = np.where(flying[:-1] | flying[1:], np.diff(time), 0.0)
         words = ["begins in the air"] if flying[0] else []
         words += [f"has a gap of {gaps.max():.1f} s"] if gaps.max() > GAP_S else []
         words += [f"ends in the air, at {time[-1]:.1f} s"] if flying[-1] else []

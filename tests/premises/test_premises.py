@@ -207,6 +207,7 @@ def test_a_log_that_is_not_a_whole_flight_says_what_it_does_not_hold():
             (whole.take(time > 3.0), ("begins in the air",)),
             (whole.take(time < 12.0), ("ends in the air, at 12.0 s",)),
             (holed, ("has a gap of 4.0 s",)),
+            (whole.take((time < 1.0) | (time > 6.0)), ("has a gap of 5.0 s",)),
             (holed.take(holed["time_s"] > 3.0), ("begins in the air and has a gap of 4.0 s",)),
         ):
             with case(str(words)):
