@@ -28,10 +28,8 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import itertools
 import json
 import lzma
-import math
 import os
 import shutil
 import statistics
@@ -40,7 +38,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -414,183 +412,6 @@ def scored(logs: Sequence[Log], answer: Callable[[Log], Answer]) -> list[Score]:
     return out
 
 
-# the decision: trained on what answers weighed
-
-PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
-RAISE = ("rival_", "weakest", "bent")
-RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
-EITHER_WAY = ("group",)  # of the others, more lowers the probability
-RIDGE = 3.0
-FALSE, OPEN = 0.01, 0.03  # share of an author's logs that get a false name; of his clean ones, an open end
-
-
-@dataclass(frozen=True)
-class Example:
-    """A candidate of a log, its terms, and whether it is true."""
-
-    log: Log
-    model: str  # name or open
-    names: tuple[str, ...]
-    terms: dict[str, float]
-    true: bool
-
-    @property
-    def author(self) -> str:
-        """Who wrote the log."""
-        first = self.log.author.split("/")[0]
-        return PERSON.get(first, first)
-
-
-def examples(log: Log, answer: Answer) -> Iterator[Example]:
-    """What an answer weighed. That something is there at all is asked of the log as it came."""
-    from coaxlink.residual.diagnosis.decide import flown_terms, opened_terms, terms_of
-    from coaxlink.residual.diagnosis.features import Candidate
-
-    sets, hidden = accepted(log.truth), frozenset(log.truth["effects"])
-    for weighed in answer.get("weighed", []):
-        names, numbers = tuple(weighed["names"]), weighed["numbers"]
-        if names[0] == "open":
-            if len(names) == 1 and log.sort not in ("fault", "real"):
-                yield Example(log, "open", names, opened_terms(numbers), log.sort != "clean")
-            continue
-        there = hidden.union(*sets)
-        true = bool(there & {*names}) if len(names) > 1 else names[0] in there and log.sort != "ambiguous"
-        if log.kind == "flight":
-            if log.sort != "real":
-                yield Example(log, "flight", names, flown_terms(numbers["tempered"]), true)
-        elif log.sort != "real":
-            yield Example(log, "name", names, terms_of(Candidate(names, numbers)), true)
-
-
-@dataclass(frozen=True)
-class Logistic:
-    """A logistic model in its terms' own units."""
-
-    intercept: float
-    weights: dict[str, float]
-
-    def __call__(self, terms: dict[str, float]) -> float:
-        total = self.intercept + sum(w * terms[k] for k, w in self.weights.items())
-        return 1.0 / (1.0 + math.exp(-max(min(total, 30.0), -30.0)))
-
-
-def logistic(mine: Sequence[Example], ridge: float = RIDGE) -> Logistic:
-    """Fitted with every author weighing as the root of his logs, and signs that evidence can have."""
-    import numpy as np
-    from scipy.optimize import minimize
-
-    names = sorted(mine[0].terms)
-    x = np.array([[e.terms[k] for k in names] for e in mine])
-    middle, spread = x.mean(axis=0), x.std(axis=0) + 1e-6
-    z, y = (x - middle) / spread, np.array([e.true for e in mine], float)
-    count = Counter(e.author for e in mine)
-    weight = np.array([count[e.author] ** -0.5 for e in mine])
-    weight *= len(weight) / weight.sum()
-    raises = RAISE if mine[0].model == "name" else RAISE_OPEN
-
-    def bounds(name: str) -> tuple[float | None, float | None]:
-        if name in EITHER_WAY:
-            return None, None
-        return (0.0, None) if name.startswith(raises) else (None, 0.0)
-
-    def cost(t: Any) -> tuple[float, Any]:
-        total = z @ t[1:] + t[0]
-        slope = weight * (1.0 / (1.0 + np.exp(-total)) - y)
-        value = float(weight @ np.logaddexp(0.0, np.where(y > 0, -total, total)))
-        return value + 0.5 * ridge * float(t[1:] @ t[1:]), np.r_[slope.sum(), z.T @ slope + ridge * t[1:]]
-
-    limits = [(None, None), *map(bounds, names)]
-    found = minimize(cost, np.zeros(len(names) + 1), jac=True, method="L-BFGS-B", bounds=limits).x
-    weights = {k: float(w) for k, w in zip(names, found[1:] / spread, strict=True)}
-    return Logistic(float(found[0] - (found[1:] / spread) @ middle), weights)
-
-
-def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
-    """Write the decision's numbers; print how they do on every author when he is left out."""
-    import tomli_w
-
-    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
-    authors = sorted({e.author for e in every})
-    said: dict[int, float] = {}
-    for author in authors:
-        for model in ("name", "open"):
-            others = [e for e in every if e.model == model and e.author != author]
-            fitted = logistic(others)
-            said |= {id(e): fitted(e.terms) for e in every if e.model == model and e.author == author}
-    level = {"name": 0.0, "group": 0.0, "open": 0.0}
-    for author in authors:
-        mine = [e for e in every if e.author == author]
-        level["name"] = max(level["name"], _level(mine, said, FALSE, "name"))
-        level["open"] = max(level["open"], _level(mine, said, OPEN, "open"))
-    level["group"] = min(level["name"], GROUP)
-    out: dict[str, Any] = {"level": {k: round(v, 4) for k, v in level.items()}}
-    for model in ("name", "open"):
-        fitted = logistic([e for e in every if e.model == model])
-        weights = {k: round(w, 5) for k, w in fitted.weights.items()}
-        out[model] = {"intercept": round(fitted.intercept, 5), "weights": weights}
-    trained = Counter(e.author for e in every if e.model == "open")
-    head = "# written by: python research/tracing.py SET... --train; logs: "
-    path.write_text(
-        head + ", ".join(f"{a} {n}" for a, n in sorted(trained.items())) + "\n" + tomli_w.dumps(out)
-    )
-    print(f"levels {out['level']}")
-    for model in ("name", "open"):
-        print(
-            f"{model}, every author left out in turn: "
-            + reliability([e for e in every if e.model == model], said)
-        )
-
-
-def train_flights(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
-    """Write the probability of a flight's names; print how it does on every set when that is left out."""
-    import tomli_w
-
-    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
-    said: dict[int, float] = {}
-    for root in {e.log.root for e in every}:
-        fitted = logistic([e for e in every if e.log.root != root], ONE_TERM)
-        said |= {id(e): fitted(e.terms) for e in every if e.log.root == root}
-    fitted = logistic(every, ONE_TERM)
-    weights = {k: round(w, 5) for k, w in fitted.weights.items()}
-    counts = Counter(e.author for e in every)
-    head = "# written by: python research/tracing.py SET... --kind flight --train; names: "
-    said_of = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
-    out = {"flight": {"intercept": round(fitted.intercept, 5), "weights": weights}}
-    path.write_text(f"{head}{said_of}\n{tomli_w.dumps(out)}")
-    print(f"flights, every set left out in turn: {reliability(every, said)}")
-
-
-ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight with
-GROUP = 0.75  # judgement: of four groups of names that are said, one may hold none that is there
-
-
-def _level(mine: Sequence[Example], said: dict[int, float], share: float, model: str) -> float:
-    """From where on at most this share of an author's logs has something said that is not so."""
-    worst: dict[tuple[Path, str], float] = {}
-    for e in mine:
-        if e.model == model and (model == "open" and e.log.sort != "clean"):
-            continue
-        key = (e.log.root, e.log.case)
-        wrong = e.model == model and not e.true and len(e.names) == 1
-        wrong = wrong and not (model == "name" and e.log.sort == "ambiguous")
-        worst[key] = max(worst.get(key, 0.0), said[id(e)] if wrong else 0.0)
-    ranked = sorted(worst.values(), reverse=True)
-    allowed = round(share * len(ranked))
-    return ranked[allowed] + 1e-4 if len(ranked) > allowed else 0.0
-
-
-def reliability(mine: Sequence[Example], said: dict[int, float]) -> str:
-    """Of what was said with about a probability, how much was so."""
-    edges = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.01)
-    parts = []
-    for low, high in itertools.pairwise(edges):
-        some = [e for e in mine if low <= said[id(e)] < high]
-        if some:
-            mean = sum(said[id(e)] for e in some) / len(some)
-            parts.append(f"said {mean:.2f} was {sum(e.true for e in some) / len(some):.2f} ({len(some)})")
-    return "; ".join(parts)
-
-
 def row(s: Score) -> str:
     """Of the list."""
     verdict = "ok" if s.right == 1 else "half" if s.right else "WRONG"
@@ -641,7 +462,10 @@ def main() -> None:
                 print(f"{row(one)}\n{'':26s}{a.against}: {other.said} ({other.right:g})")
         print(table(others))
     if a.train:
-        (train_flights if a.kind == ["flight"] else train)(logs, [ask(log) for log in logs], a.train)
+        import decision
+
+        how = decision.train_flights if a.kind == ["flight"] else decision.train
+        how(logs, [ask(log) for log in logs], a.train)
     elif a.rows:
         print("\n".join(row(s) for s in scores))
     print(table(scores))

@@ -7,7 +7,7 @@ from typing import Any
 
 from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.terminal import table
-from coaxlink.residual.result import Ambiguous, FoundEffect, ParameterValue, Refinement
+from coaxlink.residual.result import HIDDEN, Ambiguous, FoundEffect, ParameterValue, Refinement
 
 DIGITS = 3
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
@@ -82,9 +82,14 @@ def _words(parameter: ParameterValue) -> str:
 
 
 def least_shown(result: Refinement) -> str:
-    """What of each effect would have been named, had it been there."""
-    shown = ", ".join(f"{w.name} of {100 * w.share:.2g} % of {w.channel}" for w in result.would_show)
-    return f"this log would have shown: {shown}" if shown else ""
+    """What of each effect would not have been named, had it been there."""
+    parts, hidden = [], [w.name for w in result.would_show if w.share >= HIDDEN]
+    for w in result.would_show:
+        alike = f" (or taken it for {w.not_told_from[0]})" if w.not_told_from else ""
+        if w.share < HIDDEN:
+            parts.append(f"{w.name} below {100 * w.share:.2g} % of {w.channel}{alike}")
+    parts += [f"nothing of {', '.join(hidden)}"] if hidden else []
+    return f"this log would not have shown: {'; '.join(parts)}" if parts else ""
 
 
 def surface(result: Refinement) -> str:
@@ -126,6 +131,8 @@ def remarks(result: Refinement) -> Iterator[str]:
             yield f"{r.name}: {r.why}"
     if result.would_show:
         yield least_shown(result)
+    if result.next_run is not None:
+        yield f"to tell {' from '.join(result.next_run.names)}: {result.next_run.text}"
     yield from result.notes
 
 

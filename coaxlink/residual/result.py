@@ -134,6 +134,9 @@ class SmoothSurface:
     unit: str
 
 
+HIDDEN = 0.3  # of the reference load: no effect takes more, so a log that shows only that shows nothing of it
+
+
 @dataclass(frozen=True)
 class WouldShow:
     """The smallest size of an effect that this log would have shown: what "nothing" means."""
@@ -141,6 +144,7 @@ class WouldShow:
     name: str
     share: float  # of the channel's reference load
     channel: str
+    not_told_from: tuple[str, ...] = ()  # effects that it would have passed for, the likest first
 
 
 @dataclass(frozen=True)
@@ -191,6 +195,7 @@ class Refinement:
     cannot_judge: tuple[NotJudged, ...] = ()  # premises that the answer hangs on: nothing is claimed
     not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
     would_show: tuple[WouldShow, ...] = ()  # of effects that are not named; empty where it was not worked out
+    next_run: Experiment | None = None  # where nothing is named: it tells two apart that this log could not
     weighed: tuple[
         Mapping[str, Any], ...
     ] = ()  # candidates, and the numbers that the decision judged them by
@@ -333,7 +338,16 @@ class Refinement:
             "surface": [
                 {"channel": s.channel, "rms": s.rms, "share": s.share, "unit": s.unit} for s in self.surface
             ],
-            "would_show": [{"name": w.name, "share": w.share, "channel": w.channel} for w in self.would_show],
+            "would_show": [
+                {
+                    "name": w.name,
+                    "share": w.share,
+                    "channel": w.channel,
+                    "not_told_from": list(w.not_told_from),
+                }
+                for w in self.would_show
+            ],
+            "next_run": self.next_run and {**self.next_run.document(), "separate_by": self.next_run.text},
             "weighed": [dict(w) for w in self.weighed],
             "notes": list(self.notes),
         }

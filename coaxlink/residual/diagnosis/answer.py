@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,15 +45,20 @@ def answered(
     suspects: Sequence[Suspect],
     notes: Sequence[str],
     logs: Sequence[Samples],
+    held: Collection[str] = (),
 ) -> Refinement:
-    """The answer to these logs; `found` is None where nothing may be claimed."""
+    """The answer to these logs; `found` is None where nothing may be claimed.
+
+    Of effects that are `held` the shape stays as the evidence has it: in the last, linear fit it has no prior
+    and moves to where physics ends.
+    """
     sure, leading = {*said.claimed}, {*said.claimed, *(g.names[0] for g in said.groups)}
     best = _borne_out(found, leading) if found else None
     doubts = tuple(_doubt(ch, found, g) for g in said.groups) if found else ()
     problem = _problem(ch, best)
     members = tuple(m for m in best.members if m.name in leading) if best else ()
     fixed = [k for k in ch.known if k[0].name not in {m.name for m in members}]
-    members = tuple(replace(m, whole=is_whole(m)) for m in members)
+    members = tuple(replace(m, whole=is_whole(m), keys=() if m.name in held else m.keys) for m in members)
     fitter = Fitter(problem, ch.bare, fixed, ch.reduce)
     joint = _held(fitter.linear(members)) if members else straight(problem, [])
     claimed = [o for o in joint.problem.options if o.name in sure]
@@ -176,10 +181,12 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
         return []
     shown = max((h for h in found.sets if h.effects == found.best.effects), key=lambda h: h.score)
     pieces: dict[str, list[tuple[float, str, str]]] = {}
-    for form, added in forms_of(ch, shown).items():
-        variable, channel, length, _ = form.split("|")
+    for (form, channel), added in forms_of(ch, shown).items():
+        variable, _, length, _ = form.split("|")
         where = float(_values(ch, variable)[int(np.argmax(np.abs(added)))])
-        text = f"{variable}: most at {where:.3g}, bends within {float(length):.2g} of its range"
+        text = (
+            f"{variable.split(' & ')[0]}: most at {where:.3g}, bends within {float(length):.2g} of its range"
+        )
         pieces.setdefault(channel, []).append((float(np.std(added)), variable, text))
     for m in [m for m in shown.members if m.name in said.withheld]:
         added = added_by(ch, shown, m.name)
@@ -195,7 +202,7 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
     out = []
     for channel, parts in pieces.items():
         parts.sort(reverse=True)
-        variables = tuple(dict.fromkeys(v for _, v, _ in parts))[:3]
+        variables = tuple(dict.fromkeys(v for _, both, _ in parts for v in both.split(" & ")))[:3]
         out.append(Unexplained(channel, variables, parts[0][0], parts[0][2]))
     return sorted(out, key=lambda u: -u.rmse / ch.reference[ch.names.index(u.channel)])
 
@@ -204,6 +211,8 @@ def _values(ch: Channels, variable: str) -> Array:
     if variable in ch.variables:
         return np.asarray(ch.variables[variable])
     first, sign, second = variable.split(" ")
+    if sign == "&":
+        return np.asarray(ch.variables[first])
     return np.asarray(ch.variables[first] + (1.0 if sign == "+" else -1.0) * ch.variables[second])
 
 

@@ -15,6 +15,7 @@ from coaxlink.residual.regression.joint_model import Part
 
 # what an effect adds to a load, before any data: one standard deviation over the reference load
 EFFECT_SIZE = 0.1
+LOADS = "loads"  # a free form's channel: all of them
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,6 @@ class Channels:
     effects: tuple[Tracing[Any], ...]
     reduce: Callable[[Array], Array]
     notes: tuple[str, ...] = ()
-    # of the reference load: less is within what a sound model and a sound stand are off by
-    least_size: float = 0.005
     impossible: tuple[tuple[str, str], ...] = ()
     # discrepancies of the rotor map beyond `surface`, by name: one of them, or none, is in every hypothesis
     maps: Mapping[str, Callable[[], tuple[Block, ...]]] = field(default_factory=dict)

@@ -105,17 +105,18 @@ def calibration(file: str = "calibration.toml") -> dict[str, Any]:
 def probability(model: str, terms: Mapping[str, float]) -> float:
     """That a candidate is there, of its terms."""
     weights = (calibration(FLIGHTS) if model == "flight" else calibration())[model]
-    total = weights["intercept"] + sum(weights["weights"][k] * v for k, v in terms.items())
+    total = weights["intercept"] + sum(w * terms[k] for k, w in weights["weights"].items())
     return float(1.0 / (1.0 + np.exp(-np.clip(total, -30.0, 30.0))))
 
 
 def terms_of(candidate: Candidate) -> dict[str, float]:
     """What the logistic model takes of a candidate: a name is as sure as its strongest rival is far."""
     numbers = candidate.numbers
-    out = {name: numbers[name] for name in ("beside", "bent", "forms", "members")}
+    out = {name: numbers[name] for name in ("beside", "bent", "forms", "load", "members")}
     for way in WAYS:
         out[f"rival_{way}"] = numbers[f"rival_{way}"]
         out[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
+    out["cause"] = min(numbers[f"cause_{way}"] for way in WAYS)
     out["weakest"] = min(*(out[f"weakest_{way}"] for way in WAYS), numbers["freed"], numbers["bent"])
     out = {name: _scaled(name, value) for name, value in out.items()}
     return out | {"group": float(len(candidate.names) > 1)}
@@ -131,7 +132,7 @@ def flown_terms(nats: float) -> dict[str, float]:
     return {"tempered": _scaled("tempered", nats)}
 
 
-PLAIN = ("agree", "beside", "forms", "members")  # numbers that are no nats
+PLAIN = ("agree", "beside", "forms", "load", "members")  # numbers that are no nats
 
 
 def _scaled(name: str, value: float) -> float:

@@ -1,4 +1,8 @@
-"""No form is exact: every effect carries a Gaussian process of a fifth of itself over its own variable.
+"""No form is exact: every effect carries a Gaussian process of a share of itself over its own variable.
+
+How large a share is a number of the hypothesis: of a textbook's form next to nothing, of a rough one a fifth.
+Held at a fifth for all, the process would explain what a wrong name leaves, and the right name would pay for
+it.
 
 Source: Kennedy and O'Hagan 2001, Bayesian calibration of computer models; Brynjarsdottir and O'Hagan 2014,
 why a discrepancy needs an informative prior.
@@ -14,14 +18,14 @@ from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.parts import Block, products, waves
 from coaxlink.residual.regression.joint_model import Member
 
-SHARE = 0.2  # of the effect, one standard deviation
+SHARES = (0.2, 0.03)  # of the effect, one standard deviation; each as likely
 OVER_CAUSE, OVER_SPEED = 0.3, 0.6  # correlation lengths, in ranges
 STEADY = 0.5  # of the effect's root mean square: what of the discrepancy is there where the effect is nil
 SEEN = 1e-4  # of the reference load: less of an effect has no discrepancy
 
 
-def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
-    """Columns of what a member's form may miss; `mine` (rows, C) is what it adds."""
+def discrepancy(ch: Channels, m: Member, mine: Array, share: float) -> Block | None:
+    """Columns of what a member's form may miss, a share of `mine` (rows, C), what it adds."""
     pieces, deviations = [], []
     for c, name in enumerate(ch.names):
         rms = float(np.sqrt(np.mean(mine[:, c] ** 2)))
@@ -40,14 +44,14 @@ def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
         if (
             "lag_s" in m.shape
         ):  # of what is late, how late: what a second lag, or another form of it, would change
-            columns, deviation = _later(mine, c)
+            columns, deviation = _later(mine, c, share)
             pieces.append(columns)
             deviations.append(deviation)
         weight = np.sqrt(mine[:, c] ** 2 + (STEADY * rms) ** 2)
         columns = np.zeros((len(z), ch.count, process[0].shape[1]))
         columns[:, c] = process[0] * weight[:, None]
         pieces.append(columns)
-        deviations.append(process[1] * SHARE)
+        deviations.append(process[1] * share)
     if not pieces:
         return None
     return Block(f"{m.name} discrepancy", np.concatenate(pieces, axis=-1), np.concatenate(deviations))
@@ -61,7 +65,7 @@ def _beside(*processes: tuple[Array, Array]) -> tuple[Array, Array]:
     ) * share
 
 
-def _later(mine: Array, channel: int) -> tuple[Array, Array]:
+def _later(mine: Array, channel: int, share: float) -> tuple[Array, Array]:
     """(rows, C, K) changes of a channel's effect if it came one or two rows later, or smoothed by a lag."""
     own = mine[:, channel]
     once, twice = np.roll(own, 1), np.roll(own, 2)
@@ -69,4 +73,4 @@ def _later(mine: Array, channel: int) -> tuple[Array, Array]:
     smooth = lfilter([0.5], [1.0, -0.5], own)
     columns = np.zeros((*mine.shape, 3))
     columns[:, channel] = np.stack([once - own, twice - own, smooth - own], axis=1)
-    return columns, np.full(3, SHARE)
+    return columns, np.full(3, share)

@@ -13,20 +13,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import chi2
 
 from coaxlink.frames import Array
-from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.causes import METER, own_cause
+from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, Channels
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
-from coaxlink.residual.diagnosis.parts import in_channel, waves
-from coaxlink.residual.diagnosis.posterior import Posterior, density_by_block
+from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
+from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior, density_by_block
 from coaxlink.residual.regression.joint_model import composed
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
 MOST = 3000.0  # nats: where no set of a kind was worth a visit
-NEAR = 20.0  # nats: what is further behind is no rival in a group (judgement: past any width of a prior)
-SAME_TIME_PROFILE = 0.99  # correlation, judgement: of two columns that no log of this length tells apart
-# of the reference load, wide: the free curves that the other causes get; of the range; levels of a held cause
-FREED, CURVE, LEVELS = 0.3, 0.1, 12
 
 
 @dataclass(frozen=True)
@@ -57,6 +55,7 @@ class Features:
         for kind, sets in (
             ("nothing", nothing),
             ("free", [h for h in free if not (set(h.forms) - set(lead.forms)) & mine]),
+            ("cause", [h for h in free if (set(h.forms) - set(lead.forms)) & mine]),
             ("rival", [h for h in without if not h.effects <= others]),
         ):
             numbers |= self._nats(kind, sets)
@@ -64,6 +63,7 @@ class Features:
         c = int(np.argmax(rms / ch.reference))
         beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
+        numbers["load"] = float(np.log(max(rms[c] / ch.reference[c], 1e-6) / EFFECT_SIZE))
         numbers["freed"] = self._freed(name) if others else MOST
         numbers["bent"] = self._bent(name)
         # what else it took to explain the log: a log that is not understood tells less
@@ -72,16 +72,21 @@ class Features:
         return Candidate((name, *(n for n in group if n != name)), numbers)
 
     def rivals(self, name: str) -> list[str]:
-        """Other names that could be in a name's place, the strongest first."""
+        """Other names that could be in a name's place, the strongest first.
+
+        What the rows themselves say counts, no width of a prior: a name is no rival where the numbers of both
+        would let it fall so far behind in one of a hundred logs (chi-square).
+        """
         others = self.lead.effects - {name}
+        own = next(len(m.point) for m in self.lead.members if m.name == name)
+        here = self.found.misfit[self.found.index(self.lead)]
         out: dict[str, float] = {}
-        for h in self.found.sets:
+        for h, misfit in zip(self.found.sets, self.found.misfit, strict=True):
             new = h.effects - self.lead.effects
             if self.lead.effects - h.effects == {name} and len(new) == 1:
-                behind = min(self.tempered(h), self.lead.score - h.score)
-                if behind < NEAR:
-                    other = next(iter(new))
-                    out[other] = min(behind, out.get(other, np.inf))
+                other = next(m for m in h.members if m.name in new)
+                if misfit - here < 0.5 * chi2.ppf(1.0 - RIVAL, own + len(other.point)):
+                    out[other.name] = min(float(self.tempered(h)), out.get(other.name, np.inf))
         return sorted(set(out) - others, key=lambda n: out[n])
 
     def opened(self, claimed: Collection[str]) -> dict[str, float]:
@@ -147,10 +152,12 @@ class Features:
                 if np.ptp(cause) > 0.0 and np.any(self.added[m.name][:, c]):
                     f, d = _curve(cause)
                     both = np.concatenate([f * ch.weights[:, [c]], f * ch.reference[c]], axis=1)
-                    process = both, np.concatenate([d, d]) * FREED
+                    process = both, np.concatenate([d, d]) * EFFECT_SIZE
                     blocks.append(in_channel("freed", process, np.ones(len(f)), c, ch.count))
         free = Scorer(replace(ch, surface=(*ch.surface, *blocks)), lead.colour)
-        both_of, alone = (free.linearised(x, lead.forms, lead.fit.noise)[0] for x in (lead.members, rest))
+        both_of, alone = (
+            free.linearised(x, lead.forms, lead.fit.noise, share=lead.share)[0] for x in (lead.members, rest)
+        )
         return float(both_of.score - alone.score)
 
     def _bent(self, name: str) -> float:
@@ -158,7 +165,7 @@ class Features:
         if self.bent is None:
             return MOST
         rest = [m for m in self.lead.members if m.name != name]
-        other, _ = self.bent.linearised(rest, self.lead.forms, self.lead.fit.noise)
+        other, _ = self.bent.linearised(rest, self.lead.forms, self.lead.fit.noise, share=self.lead.share)
         return float(self.lead.score - other.score - ODDS)
 
     @cached_property
@@ -173,44 +180,26 @@ class Features:
 
 
 def _curve(cause: Array) -> tuple[Array, Array]:
-    """(rows, K) a free function of a cause (rows,), (K,) deviations: of every level, or smooth."""
-    levels = np.unique(np.round((cause - cause.min()) / np.ptp(cause), 2), return_inverse=True)[1]
-    if levels.max() < LEVELS:
-        return np.eye(levels.max() + 1)[levels], np.ones(levels.max() + 1)
-    return waves(cause, CURVE)
+    """(rows, K) a free function of a cause (rows,), (K,) deviations: smooth, or of every level where they are
+    fewer than the functions of that.
+    """
+    smooth = waves(cause, min(FORM_LENGTHS))
+    levels = np.unique(np.round((cause - cause.min()) / np.ptp(cause) / METER), return_inverse=True)[1]
+    if levels.max() >= smooth[0].shape[1]:
+        return smooth
+    return np.eye(levels.max() + 1)[levels], np.ones(levels.max() + 1)
 
 
-def own_cause(ch: Channels, h: Hypothesis, name: str, form: str) -> bool:
-    """Whether a free form runs over the variable that an effect comes from."""
-    variable, channel, *_ = form.split("|")
-    m = next(m for m in h.members if m.name == name)
-    label, cause = m.effect.cause(ch.bare, m.shape, channel)
-    values = np.asarray(cause, float)[ch.frame.keep]
-    if " " in variable:  # the sum or difference of speeds holds either
-        return any(
-            _same_time_profile(values, ch.variables[v])
-            for v in (variable.split(" ")[0], variable.split(" ")[2])
-        )
-    other = ch.variables.get(variable)
-    return other is not None and (label == variable or _same_time_profile(values, other))
-
-
-def _same_time_profile(values: Array, other: Array) -> bool:
-    """Whether two variables are one."""
-    if np.ptp(values) <= 0.0 or np.ptp(other) <= 0.0:
-        return False
-    return bool(abs(np.corrcoef(values, other)[0, 1]) > SAME_TIME_PROFILE)
-
-
-def forms_of(ch: Channels, h: Hypothesis) -> dict[str, Array]:
-    """(rows,) that every free form of a set adds to its channel, about its mean."""
-    out: dict[str, Array] = {}
+def forms_of(ch: Channels, h: Hypothesis) -> dict[tuple[str, str], Array]:
+    """(rows,) that every free form of a set adds to a channel, about its mean."""
+    out: dict[tuple[str, str], Array] = {}
     blocks = {f: ch.forms[f]() for f in h.forms}
     at = h.fit.deviation.shape[0] - sum(b.width for b in blocks.values())
     for form, block in blocks.items():
-        added = block.columns[:, ch.names.index(form.split("|")[1])] @ h.fit.values[at : at + block.width]
+        added = block.columns @ h.fit.values[at : at + block.width]
         at += block.width
-        out[form] = np.asarray(added - np.mean(added))
+        for c in np.flatnonzero(block.columns.any(axis=(0, 2))):
+            out[form, ch.names[c]] = np.asarray(added[:, c] - np.mean(added[:, c]))
     return out
 
 

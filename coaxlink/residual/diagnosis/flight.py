@@ -12,18 +12,18 @@ from coaxlink.residual.channels.flight import reduce_columns
 from coaxlink.residual.channels.flight_problem import flight_variables
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
-from coaxlink.residual.diagnosis.judge import NAMED_NATS, WORTH_TELLING
+from coaxlink.residual.diagnosis.judge import NAMED_NATS
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import posterior
 from coaxlink.residual.diagnosis.search import Search
+from coaxlink.residual.diagnosis.shown import would_show as smallest
 from coaxlink.residual.regression.joint_model import Member, Part
 from coaxlink.residual.regression.problem import Problem
-from coaxlink.residual.result import WouldShow
+from coaxlink.residual.result import HIDDEN, WouldShow
 from coaxlink.residual.search.trial import GAIN, SIZE
 
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
-LEAST_SIZE = 0.0025  # of the reference load: less is within what a sound model and its mounting are off by
 MANY_ROWS = 10_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
@@ -62,7 +62,6 @@ def flight_channels(bare: FlightFrame, known: Sequence[Part], p: Problem) -> Cha
         forms={},
         effects=(),
         reduce=reduce,
-        least_size=LEAST_SIZE,
         grid=[(o.effect, o.shape, columns(o.columns)) for o in p.options if "onset_s" not in o.shape],
     )
 
@@ -97,6 +96,6 @@ def would_show(ch: Channels, members: Sequence[Member], rows: int) -> list[Would
     search = Search(scorer)
     search.visited.add(held)
     nats = max(NAMED_NATS, -0.5 * rows * float(np.log(1.0 - GAIN))) * len(ch.target) / rows
-    found = search.would_show(nats, limited=True)
-    shown = [WouldShow(n, max(s, SIZE), c) for n, (s, c) in found.items()]
-    return sorted((w for w in shown if w.share < WORTH_TELLING), key=lambda w: w.share)
+    found = smallest(search, nats, limited=True)
+    shown = [WouldShow(n, max(s.share, SIZE), s.channel) for n, s in found.items()]
+    return sorted((w for w in shown if w.share < HIDDEN), key=lambda w: w.share)

@@ -12,7 +12,7 @@ import numpy as np
 from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.discrepancy import discrepancy
+from coaxlink.residual.diagnosis.discrepancy import SHARES, discrepancy
 from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.noise import Colour, colour_of
 from coaxlink.residual.diagnosis.parts import Block, joined
@@ -25,7 +25,6 @@ HALVINGS = (1.0, 0.5, 0.2)
 SETTLED = 0.2  # nats
 CONSISTENT = 1  # rounds
 REFUSED = -1e6
-LARGE = 0.99  # quantile of the rows, judgement: what acts at few speeds acts
 COLOURS = 2  # rounds
 REMEMBERED = 60  # linearisations
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
@@ -54,6 +53,7 @@ class Hypothesis:
     white: tuple[Array, ...]  # whitened columns (rows, C, P) side by side: shared ones are held once
     colour: Colour
     slopes: Slopes
+    share: float  # of each member that its form may miss
 
     def whitened(self, channel: int) -> Array:
         """(rows, P) whitened columns of one channel."""
@@ -147,10 +147,12 @@ class Scorer:
         forms: Sequence[str],
         noise: Array | None,
         near: Slopes | None = None,
+        share: float = SHARES[0],
     ) -> tuple[Hypothesis, Array]:
         """The model about these members, and (K,) where it would have their numbers instead.
 
-        `near` are slopes taken near these numbers, to be used instead of those at them.
+        Their forms may miss `share` of themselves. `near` are slopes taken near these numbers, to be used
+        instead of those at them.
         """
         ch, frame = self.channels, self.channels.bare
         slopes = self.slopes(members) if near is None else near
@@ -159,7 +161,7 @@ class Scorer:
         target = ch.target - added
         origin: list[float] = []
         further = []
-        small, at = 0, 0
+        at = 0
         for m in members:
             point = m.point
             columns = slopes.columns[..., at : at + len(point)]
@@ -170,8 +172,7 @@ class Scorer:
             blocks.append((columns, white, deviation))
             origin += list(mean)
             mine = added if len(members) == 1 else columns[..., : len(m.coefficients)] @ m.coefficients
-            small += bool(np.all(np.quantile(np.abs(mine), LARGE, axis=0) < ch.least_size * ch.reference))
-            block = discrepancy(ch, m, mine)
+            block = discrepancy(ch, m, mine, share)
             if block is not None:
                 further.append((block.columns, self.colour.whiten(block.columns), block.deviation))
         blocks += further
@@ -183,11 +184,8 @@ class Scorer:
         start = ch.reference * 0.01 if noise is None else noise
         fit = fitted(sums, deviation, start, ch.least_noise)
         width = self.white.shape[-1]
-        prior = (
-            small * REFUSED
-            + sum(_log_prior(ch, m) for m in members)
-            + len({form_name(f) for f in forms}) * (ODDS - np.log(max(len(ch.forms), 1)))
-        )
+        prior = sum(_log_prior(ch, m) for m in members)
+        prior += len({form_name(f) for f in forms}) * (ODDS - np.log(max(len(ch.forms), 1)))
         left, at = target - self.columns @ fit.values[:width], width
         for columns, _, d in blocks:
             left = left - columns @ fit.values[at : at + len(d)]
@@ -196,7 +194,17 @@ class Scorer:
         values = fit.values[width : width + count] + np.array(origin)
         shared = (self.white, *(b[1] for b in blocks))
         h = Hypothesis(
-            tuple(members), tuple(forms), fit, float(prior), left, added, width, shared, self.colour, slopes
+            tuple(members),
+            tuple(forms),
+            fit,
+            float(prior),
+            left,
+            added,
+            width,
+            shared,
+            self.colour,
+            slopes,
+            share,
         )
         return h, values
 
@@ -209,8 +217,8 @@ class Scorer:
     ) -> Hypothesis:
         """The members moved to their best by Gauss-Newton steps, and the score there.
 
-        What scores less than `hopeless` where it begins is not moved; that it begins too small, because the
-        map had taken it, or where physics refuses it, is no reason.
+        What scores less than `hopeless` where it begins is not moved; that it begins where physics refuses it
+        is no reason.
         """
         best, values = self.linearised(members, forms, noise)
         if not members or best.fit.log_evidence < hopeless:
@@ -237,15 +245,19 @@ class Scorer:
             if done:
                 break
         # a discrepancy is a share of the effect as it is: shapes stay, coefficients go to their best
-        for _ in range(CONSISTENT):
-            moved, at = [], 0
-            for m in best.members:
-                point = m.point
-                point[: len(m.coefficients)] = values[at : at + len(m.coefficients)]
-                at += len(point)
-                moved.append(m.at(point))
-            best, values = self.linearised(moved, forms, best.fit.noise)
-        return best
+        ends = []
+        for share in SHARES:
+            end = best
+            for _ in range(CONSISTENT):
+                moved, at = [], 0
+                for m in end.members:
+                    point = m.point
+                    point[: len(m.coefficients)] = values[at : at + len(m.coefficients)]
+                    at += len(point)
+                    moved.append(m.at(point))
+                end, values = self.linearised(moved, forms, end.fit.noise, share=share)
+            ends.append(end)
+        return max(ends, key=lambda h: h.score)
 
 
 def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
@@ -253,7 +265,7 @@ def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
     for _ in range(COLOURS):
         colour = colour_of(h.left)
         near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
-        h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near)
+        h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near, h.share)
     return replace(h, log_prior=h.log_prior - 0.5 * colour.size * np.log(len(h.left)))
 
 

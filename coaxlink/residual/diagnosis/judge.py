@@ -13,19 +13,20 @@ from coaxlink.residual.diagnosis.answer import answered, refused
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided
 from coaxlink.residual.diagnosis.faults import weighed_faults
-from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
-from coaxlink.residual.diagnosis.noise import Colour, colour_of, white
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
+from coaxlink.residual.diagnosis.noise import Colour, white
 from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import Search
+from coaxlink.residual.diagnosis.shown import Shown, would_show
 from coaxlink.residual.diagnosis.stand import stand_channels
+from coaxlink.residual.experiments.stand_run import Experiment, Rival, stand_experiment
 from coaxlink.residual.faults.stand_faults import find_suspects
-from coaxlink.residual.result import Refinement, WouldShow
+from coaxlink.residual.result import HIDDEN, Refinement, WouldShow
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
-ROUNDS = 2  # of colour: what is left of the best set says what the noise is
+ROUNDS = 3  # of colour: what is left of the best set says what the noise is
 SAME_COLOUR = 0.05  # of a coefficient
-WORTH_TELLING = 0.3  # of the reference load: a log that shows only more than that shows nothing of an effect
 NAMED_NATS = 30.0  # that a name has where it is claimed, at the least: what the smallest size is reported for
 STARTS = 4  # sets that the next round begins with
 ALL_ROWS = 20_000  # of the last fit
@@ -40,19 +41,18 @@ class Diagnosis:
     posterior: Posterior
     colour: Colour
     channels: Channels  # with the map's discrepancy that it was found beside
-    would_show: Mapping[
-        str, tuple[float, str]
-    ]  # of every effect the size that would have been named, and where
+    would_show: Mapping[str, Shown]  # of every effect what would have been named
 
 
 def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
-    """Search under white noise, then under the colour of what the best set leaves, until that stays.
+    """Search under the colour of what no set at all leaves, then of what the best set leaves, until that
+    stays.
 
     The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
     What could be confounded with each effect of the best set is weighed as well.
     """
-    colour = white(ch.count)
-    ch = mapped(ch, colour)
+    ch = mapped(ch, white(ch.count))
+    colour = coloured(ch, Scorer(ch, white(ch.count)).empty).colour
     starts: list[Hypothesis] = []
     for number in range(ROUNDS):
         scorer = Scorer(ch, colour)
@@ -61,15 +61,17 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
         starts = visited.ranked()[:STARTS]
         if number == ROUNDS - 1:
             break
-        seen = colour_of(visited.best.left)
-        better = mapped(ch, seen, visited.best)
-        if _same(seen, colour) and better.map == ch.map:
+        # noise is what the set leaves that has most evidence under the colour of what itself leaves: what
+        # wanders is no form over time, and a form over time no noise, before both were weighed
+        best = max((coloured(ch, h) for h in (*starts, scorer.empty)), key=lambda h: h.score)
+        better = mapped(ch, best.colour, best)
+        if _same(best.colour, colour) and better.map == ch.map:
             break
-        ch, colour = better, seen
+        ch, colour = better, best.colour
     progress("weighing what could stand in")
     search.rivals()
     found = posterior(ch, scorer.colour, visited.ranked())
-    return Diagnosis(found, scorer.colour, ch, search.would_show(NAMED_NATS))
+    return Diagnosis(found, scorer.colour, ch, would_show(search, NAMED_NATS))
 
 
 def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Channels:
@@ -84,7 +86,7 @@ def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Chan
         scorer = Scorer(ch.with_map(name), colour)
         score = scorer.empty.score
         if best is not None and best.members:
-            score = max(score, scorer.linearised(best.members, (), best.fit.noise)[0].score)
+            score = max(score, scorer.linearised(best.members, (), best.fit.noise, share=best.share)[0].score)
         scores[name] = score + (float(ODDS) - np.log(len(ch.maps)) if name else 0.0)
     return ch.with_map(max(scores, key=lambda name: scores[name]))
 
@@ -145,9 +147,28 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
     out = answered(every, found.posterior if found else None, said, suspects, notes, several)
     beyond = {e.name for e in out.effects if refused(e)}
     if beyond and found:
-        said = said.without(beyond)
-        out = answered(every, found.posterior, said, suspects, notes, several)
-    shown = found.would_show if found else {}
+        out = answered(every, found.posterior, said, suspects, notes, several, held=beyond)
+        still = {e.name for e in out.effects if refused(e)}
+        if still:
+            said = said.without(still)
+            out = answered(every, found.posterior, said, suspects, notes, several, held=beyond - still)
+    if found is None:
+        return out
     named = {*said.claimed} | said.grouped
-    least = [WouldShow(n, s, c) for n, (s, c) in shown.items() if n not in named and s < WORTH_TELLING]
-    return replace(out, would_show=tuple(sorted(least, key=lambda w: w.share)))
+    shown = {n: s for n, s in found.would_show.items() if n not in named}
+    least = [WouldShow(n, s.share, s.channel, s.alike) for n, s in shown.items()]
+    out = replace(out, would_show=tuple(sorted(least, key=lambda w: w.share)))
+    return out if named or suspects else replace(out, next_run=_next_run(found, shown))
+
+
+def _next_run(found: Diagnosis, shown: Mapping[str, Shown]) -> Experiment | None:
+    """Where nothing is named, the run that would tell the two apart that this log would have taken for one
+    another; None where there are none.
+    """
+    alike = [(s.share, n, o) for n, s in shown.items() for o in s.alike if o in shown and s.share < HIDDEN]
+    if not alike:
+        return None
+    _, *names = min(alike)
+    frame, noise = found.channels.bare, found.posterior.best.fit.noise
+    members = [shown[name].member for name in names]
+    return stand_experiment(frame, noise, [Rival(m.effect, m.parameters(frame)) for m in members])

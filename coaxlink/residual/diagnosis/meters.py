@@ -19,10 +19,11 @@ from coaxlink.signals import without_row_noise
 
 VOLTS = ("voltage_V", "upper_voltage_V", "lower_voltage_V")
 HEAT = ("motor_temperature_C",)
-# the most that is a meter's noise from row to row, rms: of a voltmeter's reading (class 1, IEC 60051);
-# of a thermistor, K (judgement: three steps of ten bits at 80 C). What changes by more does change, as a
-# supply that is set anew at every point: taken as read
-VOLTMETER, THERMISTOR_C = 0.01, 1.0
+# the most that is a meter's noise from row to row, rms: of a voltmeter's reading (class 1, IEC 60051); of a
+# thermometer, K, and of its reading in C (class B, IEC 60751). What changes by more does change, as a supply
+# that is set anew at every point: taken as read
+VOLTMETER = 0.01
+THERMOMETER_C, THERMOMETER = 0.3, 0.005
 # a supply sags with the currents of both motors, within a row: these go with their speeds to the third power
 SAG_ORDER = 3
 # a cell polarises behind its current, within seconds and within minutes (Chen and Rincon-Mora 2006)
@@ -44,7 +45,8 @@ def calmed(frame: StandFrame) -> StandFrame:
         sag = _sag(values, u, frame.time_s, ends) if name in VOLTS else np.zeros_like(values)
         slow = [without_row_noise((values - sag)[a:b]) for a, b in pairwise(ends)]
         calm = np.concatenate(slow) + sag
-        most = VOLTMETER * float(np.mean(np.abs(values))) if name in VOLTS else THERMISTOR_C
+        usual = float(np.mean(np.abs(values)))
+        most = VOLTMETER * usual if name in VOLTS else THERMOMETER_C + THERMOMETER * usual
         columns[name] = calm if np.std(values - calm) <= most else values
     return replace(frame, columns=columns)
 

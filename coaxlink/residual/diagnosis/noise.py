@@ -44,12 +44,18 @@ class Colour:
         out = np.array(columns, float)
         if not out.size:
             return out
+        by_channel = out.reshape(len(out), out.shape[1], -1)
         for c, (ahead, wander) in enumerate(zip(self.ahead, self.wander, strict=True)):
+            use = np.flatnonzero(by_channel[:, c].any(axis=0))
+            if not len(use) or (wander is None and not len(ahead)):
+                continue
+            series = np.ascontiguousarray(by_channel[:, c, use].T)
             if wander is not None:
-                out[:, c] = lfilter([1.0, -wander[0]], [1.0, -wander[1]], out[:, c], axis=0)
-            before = out[:, c].copy() if len(ahead) else out[:, c]
+                series = lfilter([1.0, -wander[0]], [1.0, -wander[1]], series)
+            white = series.copy()
             for k, weight in enumerate(ahead, start=1):
-                out[k:, c] -= weight * before[:-k]
+                white[:, k:] -= weight * series[:, :-k]
+            by_channel[:, c, use] = white.T
         return out
 
 

@@ -11,6 +11,7 @@ from coaxlink.frames import Array
 
 FUNCTIONS_PER_LENGTH = 1.6  # cosine functions that a Gaussian process of this length over a range asks for
 LEAST_FUNCTIONS, MOST_FUNCTIONS = 3, 32
+FORM_LENGTHS = (0.15, 0.5)  # prior of a free form's correlation length, in ranges of its variable
 NEGLIGIBLE = 0.03  # of the largest deviation: a thousandth of the variance
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.residual.diagnosis.causes import own_cause
+from coaxlink.residual.diagnosis.channels import LOADS
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
 from coaxlink.residual.diagnosis.screening import Stack
 from coaxlink.residual.regression.joint_model import Member
@@ -71,7 +73,8 @@ class Search:
         self.candidates = candidates(scorer)
         self.grid = Stack([(c.white, c.deviation) for c in self.candidates])
         self.forms = tuple(self.channels.forms)
-        self.free = Stack([(w, b.deviation) for b, w in map(scorer.form, self.forms)])
+        self.free_pieces = [(w, b.deviation) for b, w in map(scorer.form, self.forms)]
+        self.free = Stack(self.free_pieces)
 
     def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
         """From nothing, and from given members, until nothing better comes."""
@@ -135,6 +138,8 @@ class Search:
             others = [o for o in best.members if o is not m]
             without = self._try(others, best.forms, best, anew=False)
             worth = best.fit.log_evidence - without.fit.log_evidence
+            for form in self._over_its_cause(best, m, without):
+                self._try(others, [*best.forms, form], without)
             for effect, candidate, gain in self._promising(without):
                 had = self.visited.by_names.get(without.names | {effect.name})
                 if had is not None:  # its shape has moved already
@@ -144,6 +149,20 @@ class Search:
                     for rival in (new, had):
                         if rival is not None and rival.score > best.score - 2.0 * worth:
                             self._other_forms(rival, effect.name)
+
+    def _over_its_cause(self, h: Hypothesis, m: Member, without: Hypothesis) -> list[str]:
+        """The free form of every load over a member's own variable that fits best in its place; [] where
+        there is none.
+        """
+        mine = [
+            k
+            for k, f in enumerate(self.forms)
+            if f.split("|")[1] == LOADS and own_cause(self.channels, h, m.name, f)
+        ]
+        if not mine:
+            return []
+        gains = self._gains(without, Stack([self.free_pieces[k] for k in mine]))
+        return [self.forms[mine[int(np.argmax(gains))]]]
 
     def _other_forms(self, h: Hypothesis, name: str) -> None:
         """Every form of a member."""
@@ -171,38 +190,13 @@ class Search:
         start = self.started(h, candidate)
         self._try([*h.members, start], h.forms, h)
 
-    def would_show(self, nats: float, *, limited: bool = False) -> dict[str, tuple[float, str]]:
-        """Of every effect, how large it had to be to gain so many nats beside the best set, and where it
-        would show.
-
-        Sizes are shares of the reference load, 95th percentile over the rows, of the middle one of an
-        effect's plain shapes; expected nats grow with the square of the size. `limited`: corrections go no
-        further than two deviations, and what they cannot take shows.
-        """
-        best = self.visited.best
-        sizes: dict[str, list[tuple[float, str]]] = {}
-        for c, (_, _, columns) in zip(self.candidates, self.channels.grid, strict=True):
-            information, _ = self._beside(best, c)
-            own = 1.0 / max(float(np.linalg.pinv(information, hermitian=True)[0, 0]), 1e-300)
-            share = np.quantile(np.abs(columns[..., 0]), 0.95, axis=0) / self.channels.reference
-            k = int(np.argmax(share))
-            size = float(share[k]) * float(np.sqrt(2.0 * nats / own))
-            if limited:
-                alone = 1.0 / max(float(np.linalg.pinv(self._alone(best, c), hermitian=True)[0, 0]), 1e-300)
-                mine = c.white[..., 0] / best.fit.noise**2
-                along = np.einsum("rcp,rc->p", self.scorer.white, mine) / np.sum(mine * c.white[..., 0])
-                taken = float(np.abs(along) @ (2.0 * self.scorer.deviation))
-                size = min(size, float(share[k]) * (taken + float(np.sqrt(2.0 * nats / alone))))
-            sizes.setdefault(c.effect.name, []).append((size, self.channels.names[k]))
-        return {name: sorted(mine)[len(mine) // 2] for name, mine in sizes.items()}
-
-    def _beside(self, h: Hypothesis, c: Candidate) -> tuple[Array, Array]:
+    def beside(self, h: Hypothesis, c: Candidate) -> tuple[Array, Array]:
         """(K, K) what the log tells of a candidate's coefficients beside a hypothesis that gives way, (K,)
         moments.
         """
         left = self.scorer.colour.whiten(h.left)
         weight = 1.0 / h.fit.noise**2
-        gram, moment = self._alone(h, c), np.zeros(len(c.deviation))
+        gram, moment = self.alone(h, c), np.zeros(len(c.deviation))
         cross = np.zeros((len(h.fit.deviation), len(moment)))
         for k in np.flatnonzero(c.white.any(axis=(0, 2))):
             mine = c.white[:, k]
@@ -211,14 +205,14 @@ class Search:
         half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
         return gram - half.T @ half, moment
 
-    def _alone(self, h: Hypothesis, c: Candidate) -> Array:
+    def alone(self, h: Hypothesis, c: Candidate) -> Array:
         """(K, K) what the log tells of a candidate's coefficients where nothing gives way."""
         mine = c.white / h.fit.noise[:, None]
         return np.asarray(np.diag(1.0 / c.deviation**2) + np.einsum("rca,rcb->ab", mine, mine, optimize=True))
 
     def started(self, h: Hypothesis, c: Candidate) -> Member:
         """The candidate with the coefficients that fit beside a hypothesis."""
-        values = np.asarray(np.linalg.solve(*self._beside(h, c)), float)
+        values = np.asarray(np.linalg.solve(*self.beside(h, c)), float)
         first = begun(self.channels, c.effect, c.shape, values)
         if (
             len(values) == 1
@@ -236,7 +230,7 @@ class Search:
             for shape, coefficients in m.effect.variants(self.channels.bare, m.shape, m.coefficients):
                 other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
                 changed = [other if i == k else o for i, o in enumerate(h.members)]
-                first, _ = self.scorer.linearised(changed, h.forms, h.fit.noise)
+                first, _ = self.scorer.linearised(changed, h.forms, h.fit.noise, share=h.share)
                 if first.score > h.score - HOPELESS * (1.0 + 0.01 * abs(h.score - self.scorer.empty.score)):
                     self._try(changed, h.forms, h)
 

@@ -13,9 +13,9 @@ from coaxlink.effects import stand_effects
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
-from coaxlink.residual.diagnosis.channels import Channels, possible
+from coaxlink.residual.diagnosis.channels import LOADS, Channels, possible
 from coaxlink.residual.diagnosis.meters import calmed
-from coaxlink.residual.diagnosis.parts import Block, in_channel, products, waves
+from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, joined, products, waves
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
@@ -45,13 +45,11 @@ BENT_SIZE, BENT_LENGTH = 0.1, 0.25
 RATIO_LENGTHS = (0.03, 0.06, 0.1)
 RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4))
 REST, REST_SIZE = 0.005, 0.1  # of normalised speed; of the load, judgement: at rest is not slow
-# free forms, judgement: size over the reference load; lengths in ranges of the variable
-FORM_SIZES = (0.01, 0.04)
-FORM_LENGTHS = (0.15, 0.5)
+FORM_SIZES = (0.01, 0.04)  # free forms, judgement: size over the reference load
+BOTH_SPEEDS = "upper_speed & lower_speed"
 NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
-WITHIN_SPECIFICATION = (
-    0.0007  # of the reference load: what a sound cell's zero wanders (class C3: 0.02 % + creep)
-)
+# of the reference load: the most that a sound cell's zero wanders (OIML R 60, class C3: 0.02 % and creep)
+WITHIN_SPECIFICATION = 0.0007
 
 
 def stand_channels(
@@ -137,7 +135,7 @@ def _nuisance(frame: StandFrame, reduce: Callable[[Array], Array], reference: Ar
                 out.append(
                     in_channel(
                         f"{STAND_CHANNELS[c]} creep",
-                        (f, d * WITHIN_SPECIFICATION * reference[k]),
+                        (f, d * WITHIN_SPECIFICATION / 2.0 * reference[k]),
                         np.ones(len(time)),
                         k,
                         len(frame.present),
@@ -241,9 +239,25 @@ def _forms(
     drive: Array,
     both: bool,
 ) -> dict[str, Callable[[], Block]]:
-    """Free forms of one channel over one recorded variable, with a share of the load; over speeds, narrow."""
+    """Free forms of one channel, or of every load (`LOADS`), over one recorded variable, with a share of the
+    load; over speeds, narrow.
+
+    What moves every load with one variable is one explanation, not four.
+    """
     count = len(names)
     out: dict[str, Callable[[], Block]] = {}
+    loaded = [k for k, c in enumerate(present) if c < 4]
+    for variable, values in variables.items():
+        if variable in ("upper_speed", "lower_speed") or len(loaded) < 2:
+            continue
+        for length in FORM_LENGTHS:
+            for size in FORM_SIZES:
+                parts = [
+                    partial(_form, name=names[k], values=values, length=length, size=size,
+                        weight=weights[:, k], reference=reference[k], channel=k, count=count)
+                    for k in loaded
+                ]  # fmt: skip
+                out[f"{variable}|{LOADS}|{length}|{size}"] = partial(_together, parts)
     for k, name in enumerate(names):
         loads = present[k] < 4
         for variable, values in variables.items():
@@ -266,7 +280,25 @@ def _forms(
                 out[f"{variable}|{name}|{length}|{NARROW_SIZE}"] = partial(
                     _form, name, values, length, NARROW_SIZE, weights[:, k], reference[k], k, count
                 )
+        if len(ways) > 2:
+            length = max(NARROW_LENGTHS)
+            out[f"{BOTH_SPEEDS}|{name}|{length}|{NARROW_SIZE}"] = partial(
+                _over_both, name, u, length, NARROW_SIZE, weights[:, k], k, count
+            )
     return out
+
+
+def _over_both(
+    name: str, u: Array, length: float, size: float, weight: Array, channel: int, count: int
+) -> Block:
+    """What sets in at some speeds of both rotors and is nowhere else."""
+    f, d = products(waves(u[:, 0], length), waves(u[:, 1], length))
+    return in_channel(name, (f, d * size), weight, channel, count)
+
+
+def _together(parts: Sequence[Callable[[], Block]]) -> Block:
+    columns, deviation = joined([part() for part in parts])
+    return Block(LOADS, columns, deviation)
 
 
 def _form(

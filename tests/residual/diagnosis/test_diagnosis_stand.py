@@ -10,6 +10,7 @@ import json
 import numpy as np
 import pytest
 from residual_rig import FULL_RPM, run
+from scipy.signal import lfilter
 
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
@@ -70,6 +71,28 @@ def test_beside_such_a_map_an_effect_is_still_named():
     columns["lower_thrust_N"] = columns["lower_thrust_N"] + 0.25 * time_min
     answer = refine_stand(Samples(columns, "rig.csv"))
     assert [e.name for e in answer.effects] == ["sensor_drift"]
+
+
+@pytest.mark.slow
+def test_cells_that_wander_are_noise_and_no_open_end(paper):
+    columns, random = run(seed=8), np.random.default_rng(8)
+    for name, size in (("upper_thrust_N", 0.8), ("lower_torque_Nm", 0.016)):
+        wander = lfilter([1.0], [1.0, -0.95], random.standard_normal(len(columns["time_s"])))
+        columns[name] = columns[name] + size * wander / np.std(wander)
+    answer = refine_stand(Samples(columns, "rig.csv"), paper)
+    assert (answer.effects, answer.ambiguous, answer.unexplained) == ((), (), ())
+
+
+@pytest.mark.slow
+def test_a_log_without_anything_names_what_it_would_have_taken_for_one_another_and_the_run_to_make(paper):
+    columns = run(seed=9, rpm=False)
+    columns["motor_temperature_C"] = 25.0 + 12.0 * (25.0 - columns["voltage_V"])
+    answer = refine_stand(Samples(columns, "rig.csv"), paper)
+    assert answer.effects == () and answer.ambiguous == ()
+    least = {w["name"]: w for w in answer.to_json()["would_show"]}
+    assert 0.0 < least["battery_voltage"]["share"] < 0.1
+    assert "motor_heating" in least["battery_voltage"]["not_told_from"]
+    assert len(answer.to_json()["next_run"]["pieces"]) > 0
 
 
 def test_what_was_never_measured_is_one_line():

@@ -56,16 +56,7 @@ def test_a_poor_log_is_ambiguous_and_says_what_to_run(doubt):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "truth",
-    [
-        pytest.param(
-            "battery_voltage",
-            marks=pytest.mark.xfail(strict=True, reason="names heat and a drift beside the supply"),
-        ),
-        "motor_heating",
-    ],
-)
+@pytest.mark.parametrize("truth", ["battery_voltage", "motor_heating"])
 def test_the_run_names_whichever_is_true(doubt, tmp_path, truth):
     answer = refined(measured(tmp_path, truth, doubt[1], 11))
     assert [e["name"] for e in answer["effects"]] == [truth]

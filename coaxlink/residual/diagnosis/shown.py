@@ -1,0 +1,96 @@
+"""What a log would have shown: of every effect the smallest size, and which other it would have passed for.
+
+Read from the columns alone, beside what the best set has taken up already: expected nats grow with the square
+of an effect's size, and another effect takes away the part that its own columns can draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from coaxlink.frames import Array
+from coaxlink.residual.diagnosis.hypotheses import begun
+from coaxlink.residual.diagnosis.posterior import RIVAL
+from coaxlink.residual.diagnosis.search import Candidate, Search
+from coaxlink.residual.regression.joint_model import Member
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The smallest size of an effect that would have been named."""
+
+    share: float  # of the reference load, 95th percentile over the rows
+    channel: str
+    member: Member  # of that size
+    alike: tuple[str, ...]  # effects that this log would not tell it from, the likest first
+
+
+def would_show(search: Search, nats: float, *, limited: bool = False) -> dict[str, Shown]:
+    """Of every effect, how large it had to be to gain so many nats beside the best set, and where.
+
+    Of an effect's plain shapes the middle one is told. It passes for another effect that leaves it no more
+    than the odds of one in a hundred. `limited`: corrections go no further than two deviations, and what they
+    cannot take shows.
+    """
+    best, ch = search.visited.best, search.channels
+    sizes: dict[str, list[tuple[float, float, int, Candidate]]] = {}
+    for c, (_, _, columns) in zip(search.candidates, ch.grid, strict=True):
+        information, _ = search.beside(best, c)
+        size = float(np.sqrt(2.0 * nats * _spread(information)))
+        if limited:
+            mine = c.white[..., 0] / best.fit.noise**2
+            along = np.einsum("rcp,rc->p", search.scorer.white, mine) / np.sum(mine * c.white[..., 0])
+            taken = float(np.abs(along) @ (2.0 * search.scorer.deviation))
+            size = min(size, taken + float(np.sqrt(2.0 * nats * _spread(search.alone(best, c)))))
+        share = np.quantile(np.abs(columns[..., 0]), 0.95, axis=0) / ch.reference
+        k = int(np.argmax(share))
+        sizes.setdefault(c.effect.name, []).append((float(share[k]) * size, size, k, c))
+    middle = {n: sorted(mine, key=lambda s: s[0])[len(mine) // 2] for n, mine in sizes.items()}
+    alike = _alike(search, [c for *_, c in middle.values()], nats)
+    return {
+        name: Shown(share, ch.names[k], _of_size(search, c, size), alike[name])
+        for name, (share, size, k, c) in middle.items()
+    }
+
+
+def _alike(search: Search, several: Sequence[Candidate], nats: float) -> dict[str, tuple[str, ...]]:
+    """Of each, the others that take all but a rival's odds of its nats."""
+    if not several:
+        return {}
+    white = np.concatenate([c.white for c in several], axis=-1)
+    deviation = np.concatenate([c.deviation for c in several])
+    first = several[0]
+    information, _ = search.beside(
+        search.visited.best, Candidate(first.effect, first.shape, white, deviation)
+    )
+    ends = np.cumsum([0, *(len(c.deviation) for c in several)])
+    mine = [np.arange(a, b) for a, b in pairwise(ends)]
+    out: dict[str, tuple[str, ...]] = {}
+    for i, c in enumerate(several):
+        alone = _spread(information[np.ix_(mine[i], mine[i])])
+        left: list[tuple[float, str]] = []
+        for j, other in enumerate(several):
+            both = np.concatenate([mine[i], mine[j]])
+            if i != j:
+                left.append((nats * alone / _spread(information[np.ix_(both, both)]), other.effect.name))
+        out[c.effect.name] = tuple(name for told, name in sorted(left) if told < -np.log(RIVAL))
+    return out
+
+
+def _spread(information: Array) -> float:
+    """Variance of the first of coefficients."""
+    return max(float(np.linalg.pinv(information, hermitian=True)[0, 0]), 1e-300)
+
+
+def _of_size(search: Search, c: Candidate, size: float) -> Member:
+    """The candidate with its first coefficient that large, of the sign that physics allows."""
+    ch = search.channels
+    both = [
+        begun(ch, c.effect, c.shape, np.r_[sign * size, np.zeros(len(c.deviation) - 1)]) for sign in (1, -1)
+    ]
+    allowed = [m for m in both if c.effect.refuse(m.parameters(ch.bare)) is None]
+    return [*allowed, *both][0]

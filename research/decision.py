@@ -1,0 +1,259 @@
+"""The decision's numbers, trained on what answers weighed, and how they do on authors they have not seen.
+
+`python research/tracing.py SET... --train F.toml` calls it: it writes the numbers, and prints of every author
+the answers by numbers and levels that were trained on the others alone (nested, so no level was chosen on
+them either), and how often what was said with a probability was so.
+
+Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World (2005); Sadinle, Lei and Wasserman, Least
+ambiguous set-valued classifiers (2019): the levels.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tracing import Answer, Log, Score, accepted, score, table
+
+PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
+RAISE = ("rival_", "weakest", "bent", "cause", "load")
+RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
+EITHER_WAY = ("group",)  # of the others, more lowers the probability
+RIDGE = 3.0  # of a weight in standard deviations of its term
+# share of an author's logs that get a false name; a group of names without any that is there; of his clean
+# ones, an open end
+SHARES = {"name": 0.01, "group": 0.03, "open": 0.03}
+
+
+@dataclass(frozen=True)
+class Example:
+    """A candidate of a log, its terms, and whether it is true."""
+
+    log: Log
+    model: str  # name, open or flight
+    names: tuple[str, ...]
+    terms: dict[str, float]
+    true: bool
+
+    @property
+    def author(self) -> str:
+        """Who wrote the log."""
+        return author_of(self.log)
+
+    @property
+    def kind(self) -> str:
+        """name, group or open."""
+        return "group" if self.model == "name" and len(self.names) > 1 else self.model
+
+
+def author_of(log: Log) -> str:
+    """Who wrote a log."""
+    first = log.author.split("/")[0]
+    return PERSON.get(first, first)
+
+
+def examples(log: Log, answer: Answer) -> Iterator[Example]:
+    """What an answer weighed. That something is there at all is asked of the log as it came."""
+    from coaxlink.residual.diagnosis.decide import flown_terms, opened_terms, terms_of
+    from coaxlink.residual.diagnosis.features import Candidate
+
+    sets, hidden = accepted(log.truth), frozenset(log.truth["effects"])
+    for weighed in answer.get("weighed", []):
+        names, numbers = tuple(weighed["names"]), weighed["numbers"]
+        if names[0] == "open":
+            if len(names) == 1 and log.sort not in ("fault", "real"):
+                yield Example(log, "open", names, opened_terms(numbers), log.sort != "clean")
+            continue
+        there = hidden.union(*sets)
+        true = bool(there & {*names}) if len(names) > 1 else names[0] in there and log.sort != "ambiguous"
+        if log.sort == "real":
+            continue
+        if log.kind == "flight":
+            yield Example(log, "flight", names, flown_terms(numbers["tempered"]), true)
+        else:
+            yield Example(log, "name", names, terms_of(Candidate(names, numbers)), true)
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """A logistic model in its terms' own units."""
+
+    intercept: float
+    weights: dict[str, float]
+
+    def __call__(self, terms: dict[str, float]) -> float:
+        total = self.intercept + sum(w * terms[k] for k, w in self.weights.items())
+        return 1.0 / (1.0 + math.exp(-max(min(total, 30.0), -30.0)))
+
+
+def logistic(mine: Sequence[Example], ridge: float = RIDGE) -> Logistic:
+    """Fitted with every author weighing as the root of his logs, and signs that evidence can have."""
+    import numpy as np
+    from scipy.optimize import minimize
+
+    names = sorted(mine[0].terms)
+    x = np.array([[e.terms[k] for k in names] for e in mine])
+    middle, spread = x.mean(axis=0), x.std(axis=0) + 1e-6
+    z, y = (x - middle) / spread, np.array([e.true for e in mine], float)
+    count = Counter(e.author for e in mine)
+    weight = np.array([count[e.author] ** -0.5 for e in mine])
+    weight *= len(weight) / weight.sum()
+    raises = RAISE if mine[0].model == "name" else RAISE_OPEN
+
+    def bounds(name: str) -> tuple[float | None, float | None]:
+        if name in EITHER_WAY:
+            return None, None
+        return (0.0, None) if name.startswith(raises) else (None, 0.0)
+
+    def cost(t: Any) -> tuple[float, Any]:
+        total = z @ t[1:] + t[0]
+        slope = weight * (1.0 / (1.0 + np.exp(-total)) - y)
+        value = float(weight @ np.logaddexp(0.0, np.where(y > 0, -total, total)))
+        return value + 0.5 * ridge * float(t[1:] @ t[1:]), np.r_[slope.sum(), z.T @ slope + ridge * t[1:]]
+
+    limits = [(None, None), *map(bounds, names)]
+    found = minimize(cost, np.zeros(len(names) + 1), jac=True, method="L-BFGS-B", bounds=limits).x
+    weights = {k: float(w) for k, w in zip(names, found[1:] / spread, strict=True)}
+    return Logistic(float(found[0] - (found[1:] / spread) @ middle), weights)
+
+
+@dataclass(frozen=True)
+class Decider:
+    """Both models and the levels from which on something is said."""
+
+    models: dict[str, Logistic]
+    level: dict[str, float]
+
+    def again(self, answer: Answer) -> Answer:
+        """An answer as these numbers would have had it; what is open beyond names is not worked out again."""
+        if "failed" in answer or not answer.get("weighed"):
+            return answer
+        from coaxlink.residual.diagnosis.decide import opened_terms, terms_of
+        from coaxlink.residual.diagnosis.features import Candidate
+
+        claimed: list[str] = []
+        groups: dict[str, list[str]] = {}
+        opened = 0.0
+        for weighed in answer["weighed"]:
+            names, numbers = weighed["names"], weighed["numbers"]
+            if names == ["open"]:
+                opened = self.models["open"](opened_terms(numbers))
+            elif names[0] != "open":
+                p = self.models["name"](terms_of(Candidate(tuple(names), numbers)))
+                if len(names) == 1 and p >= self.level["name"]:
+                    claimed.append(names[0])
+                elif len(names) > 1 and p >= self.level["group"]:
+                    groups[names[0]] = names
+        groups = {first: names for first, names in groups.items() if first not in claimed}
+        said = [*claimed, *groups]
+        was_open = bool(answer["unexplained"]) if said else opened >= self.level["open"]
+        return {
+            **answer,
+            "effects": [{"name": n} for n in claimed],
+            "ambiguous": [{"names": names} for names in groups.values()],
+            "unexplained": (answer["unexplained"] or [{"channel": "any", "depends_on": []}]) * was_open,
+        }
+
+
+def decider(every: Sequence[Example]) -> Decider:
+    """Trained on these examples; its levels by their authors, each left out in turn."""
+    authors = sorted({e.author for e in every})
+    said: dict[int, float] = {}
+    for author, model in itertools.product(authors, ("name", "open")):
+        fitted = logistic([e for e in every if e.model == model and e.author != author])
+        said |= {id(e): fitted(e.terms) for e in every if e.model == model and e.author == author}
+    level = {
+        kind: max(_level([e for e in every if e.author == a], said, kind) for a in authors) for kind in SHARES
+    }
+    models = {model: logistic([e for e in every if e.model == model]) for model in ("name", "open")}
+    return Decider(models, level)
+
+
+def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
+    """Write the decision's numbers; print how they do on every author when he is left out."""
+    import tomli_w
+
+    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
+    authors = sorted({e.author for e in every})
+    said: dict[int, float] = {}
+    scores: list[Score] = []
+    for author in authors:
+        others = decider([e for e in every if e.author != author])
+        said |= {id(e): others.models[e.model](e.terms) for e in every if e.author == author}
+        for log, answer in zip(logs, answers, strict=True):
+            if author_of(log) == author:
+                scores.append(score(log, others.again(answer)))
+    whole = decider(every)
+    out: dict[str, Any] = {"level": {k: round(v, 4) for k, v in whole.level.items()}}
+    for model, fitted in whole.models.items():
+        weights = {k: round(w, 5) for k, w in fitted.weights.items()}
+        out[model] = {"intercept": round(fitted.intercept, 5), "weights": weights}
+    trained = Counter(e.author for e in every if e.model == "open")
+    head = "# written by: python research/tracing.py SET... --train; logs: "
+    path.write_text(
+        head + ", ".join(f"{a} {n}" for a, n in sorted(trained.items())) + "\n" + tomli_w.dumps(out)
+    )
+    print(f"levels {out['level']}\nevery author left out in turn:\n{table(scores)}")
+    single = [e for e in every if e.model == "name" and len(e.names) == 1]
+    group = [e for e in every if e.model == "name" and len(e.names) > 1]
+    opened = [e for e in every if e.model == "open"]
+    print(f"names: {reliability(single, said)}")
+    print(f"groups: {reliability(group, said)}")
+    print(f"unexplained (something is there): {reliability(opened, said)}")
+    nothing = {id(e): 1.0 - said[id(e)] for e in opened}
+    print(f"nothing: {reliability(opened, nothing, absent=True)}")
+
+
+ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight with
+
+
+def train_flights(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
+    """Write the probability of a flight's names; print how it does on every set when that is left out."""
+    import tomli_w
+
+    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
+    said: dict[int, float] = {}
+    for root in {e.log.root for e in every}:
+        fitted = logistic([e for e in every if e.log.root != root], ONE_TERM)
+        said |= {id(e): fitted(e.terms) for e in every if e.log.root == root}
+    fitted = logistic(every, ONE_TERM)
+    weights = {k: round(w, 5) for k, w in fitted.weights.items()}
+    counts = Counter(e.author for e in every)
+    head = "# written by: python research/tracing.py SET... --kind flight --train; names: "
+    said_of = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
+    out = {"flight": {"intercept": round(fitted.intercept, 5), "weights": weights}}
+    path.write_text(f"{head}{said_of}\n{tomli_w.dumps(out)}")
+    print(f"flights, every set left out in turn: {reliability(every, said)}")
+
+
+def _level(mine: Sequence[Example], said: dict[int, float], kind: str) -> float:
+    """From where on at most the kind's share of an author's logs has something said that is not so."""
+    worst: dict[tuple[Path, str], float] = {}
+    for e in mine:
+        if kind == "open" and (e.log.sort != "clean" or e.model != "open"):
+            continue
+        key = (e.log.root, e.log.case)
+        wrong = not e.true and e.kind == kind and not (kind == "name" and e.log.sort == "ambiguous")
+        worst[key] = max(worst.get(key, 0.0), said[id(e)] if wrong else 0.0)
+    ranked = sorted(worst.values(), reverse=True)
+    allowed = round(SHARES[kind] * len(ranked))
+    return ranked[allowed] + 1e-4 if len(ranked) > allowed else 0.0
+
+
+def reliability(mine: Sequence[Example], said: dict[int, float], absent: bool = False) -> str:
+    """Of what was said with about a probability, how much was so."""
+    edges = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.01)
+    parts = []
+    for low, high in itertools.pairwise(edges):
+        some = [e for e in mine if low <= said[id(e)] < high]
+        if some:
+            mean = sum(said[id(e)] for e in some) / len(some)
+            parts.append(
+                f"said {mean:.2f} was {sum(e.true != absent for e in some) / len(some):.2f} ({len(some)})"
+            )
+    return "; ".join(parts)
