@@ -50,34 +50,33 @@ def would_show(search: Search, nats: float, *, limited: bool = False) -> dict[st
         k = int(np.argmax(share))
         sizes.setdefault(c.effect.name, []).append((float(share[k]) * size, size, k, c))
     middle = {n: sorted(mine, key=lambda s: s[0])[len(mine) // 2] for n, mine in sizes.items()}
-    alike = _alike(search, [c for *_, c in middle.values()], nats)
+    alike = {} if limited else _alike(search, [c for *_, c in middle.values()], nats)
     return {
-        name: Shown(share, ch.names[k], _of_size(search, c, size), alike[name])
+        name: Shown(share, ch.names[k], _of_size(search, c, size), alike.get(name, ()))
         for name, (share, size, k, c) in middle.items()
     }
 
 
 def _alike(search: Search, several: Sequence[Candidate], nats: float) -> dict[str, tuple[str, ...]]:
-    """Of each, the others that take all but a rival's odds of its nats."""
-    if not several:
-        return {}
-    white = np.concatenate([c.white for c in several], axis=-1)
-    deviation = np.concatenate([c.deviation for c in several])
-    first = several[0]
-    information, _ = search.beside(
-        search.visited.best, Candidate(first.effect, first.shape, white, deviation)
-    )
-    ends = np.cumsum([0, *(len(c.deviation) for c in several)])
-    mine = [np.arange(a, b) for a, b in pairwise(ends)]
+    """Of each, the effects that in one of their shapes take all but a rival's odds of its nats."""
+    every = search.candidates
+    white = np.concatenate([c.white for c in every], axis=-1)
+    deviation = np.concatenate([c.deviation for c in every])
+    together = Candidate(every[0].effect, every[0].shape, white, deviation)
+    information, _ = search.beside(search.visited.best, together)
+    ends = np.cumsum([0, *(len(c.deviation) for c in every)])
+    at = {id(c): np.arange(a, b) for c, (a, b) in zip(every, pairwise(ends), strict=True)}
     out: dict[str, tuple[str, ...]] = {}
-    for i, c in enumerate(several):
-        alone = _spread(information[np.ix_(mine[i], mine[i])])
-        left: list[tuple[float, str]] = []
-        for j, other in enumerate(several):
-            both = np.concatenate([mine[i], mine[j]])
-            if i != j:
-                left.append((nats * alone / _spread(information[np.ix_(both, both)]), other.effect.name))
-        out[c.effect.name] = tuple(name for told, name in sorted(left) if told < -np.log(RIVAL))
+    for c in several:
+        mine = at[id(c)]
+        alone = _spread(information[np.ix_(mine, mine)])
+        left: dict[str, float] = {}
+        for other in (o for o in every if o.effect.name != c.effect.name):
+            both = np.concatenate([mine, at[id(other)]])
+            told = nats * alone / _spread(information[np.ix_(both, both)])
+            left[other.effect.name] = min(told, left.get(other.effect.name, np.inf))
+        likest = sorted(left, key=lambda name: left[name])
+        out[c.effect.name] = tuple(name for name in likest if left[name] < -np.log(RIVAL))
     return out
 
 
