@@ -197,6 +197,34 @@ def hovering_split(session: Session) -> float:
     return split(hover(session, take_off(session), 5.0))
 
 
+def test_what_hangs_on_the_allocator_works_as_before(tmp_path: Path) -> None:
+    """The actuator test, the hover estimate, a lost set-point, the motors' stop."""
+    with flying(Path(BINARY), tmp_path, COM_OBL_RC_ACT=5) as air:  # hold
+        for _ in range(3):
+            air.fly(Hold("hover", HERE, 5.0))
+        words = air.board.shell("listener", "hover_thrust_estimate").split()
+        estimate = float(words[words.index("hover_thrust:") + 1])
+        before = air.session.latest("LOCAL_POSITION_NED").z
+        air.session.clock.sleep(5.0)  # no set-points: PX4 holds its place
+        held = abs(air.session.latest("LOCAL_POSITION_NED").z - before)
+        air.vehicle.land()
+        with air.session.listen(("SERVO_OUTPUT_RAW",)) as heard:
+            air.board.shell("actuator_test", "set", "-m", str(WEAK), "-v", "0.2", "-t", "2")
+            air.session.clock.sleep(3.0)
+            rows = []
+            while (message := air.session.take(heard, 0.0)) is not None:
+                rows.append([getattr(message, f"servo{n}_raw") for n in range(1, 9)])
+        turned = np.array(rows).max(axis=0)
+        take_off(air.session)
+        air.board.shell("commander", "disarm", "-f")
+        air.session.clock.sleep(0.5)
+        stopped = air.session.wait("SERVO_OUTPUT_RAW", 2.0)
+    tell(f"hover thrust {estimate:.3f}, as built {LAW.hover:.3f}; {100 * held:.0f} cm in Hold; test {turned}")
+    assert estimate == pytest.approx(LAW.hover, abs=0.01) and held < 0.2
+    assert [n + 1 for n in range(8) if turned[n] > turned.min() + 50] == [WEAK]
+    assert max(getattr(stopped, f"servo{n}_raw") for n in range(1, 9)) <= 1000
+
+
 DEAD, WEAK = 4, 3  # rotors
 
 
