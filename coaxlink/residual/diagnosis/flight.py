@@ -24,6 +24,7 @@ from coaxlink.residual.result import HIDDEN, WouldShow
 from coaxlink.residual.search.trial import GAIN, SIZE
 
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
+LONG_ROWS = 60_000  # of a frame: beyond, fewer sets are fitted anew (seconds)
 MANY_ROWS = 10_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
@@ -39,7 +40,7 @@ def flight_channels(bare: FlightFrame, known: Sequence[Part], p: Problem) -> Cha
         return reduce_columns(frame, columns)
 
     def columns(use: np.ndarray) -> Array:
-        return np.asarray(p.design[some][:, :, use] * p.sigma[:, None], float)
+        return np.asarray(p.design[:, :, use][some] * p.sigma[:, None], float)
 
     target = p.residual[some] * p.sigma
     bounds = np.abs(p.blocks.bounds[p.nuisance])
@@ -67,12 +68,18 @@ def flight_channels(bare: FlightFrame, known: Sequence[Part], p: Problem) -> Cha
 
 
 def borne_out(ch: Channels, members: Sequence[Member]) -> dict[str, float]:
-    """Tempered nats (`posterior`) of every member over the others alone."""
+    """Tempered nats (`posterior`) of every member over the others alone; of a long flight about where they
+    stand.
+    """
     scorer, held = _own_colour(ch, members)
-    best = scorer.score(held.members, (), held.fit.noise)
-    without = [
-        scorer.score([m for m in best.members if m is not mine], (), best.fit.noise) for mine in best.members
-    ]
+
+    def fitted(some: Sequence[Member], noise: Array) -> Hypothesis:
+        if len(ch.bare.time_s) > LONG_ROWS:
+            return scorer.linearised(some, (), noise)[0]
+        return scorer.score(some, (), noise)
+
+    best = fitted(held.members, held.fit.noise)
+    without = [fitted([m for m in best.members if m is not mine], best.fit.noise) for mine in best.members]
     found = posterior(ch, scorer.colour, [best, *without])
     behind = {id(h): float(b) for h, b in zip(found.sets, found.behind, strict=True)}
     pairs = zip(best.members, without, strict=True)

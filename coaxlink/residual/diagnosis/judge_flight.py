@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,8 +121,10 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         c, doubts = _weighed(f, c)
     c = _dragged(f, c)
     progress("weighing every rotor")
-    c, where, which = _placed(f, c)
-    doubts += which
+    where: tuple[Place, ...] = ()
+    with suppress(np.linalg.LinAlgError):  # numbers that no column tells apart: as the selection has them
+        c, where, which = _placed(f, c)
+        doubts += which
     progress("judging")
     act = [part for part in known if part[0].name not in c.names]
     act += [(m.effect, m.parameters(bare)) for m in c.joint.members]
@@ -143,7 +146,10 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         return said
     ch = flight_channels(f.bare, known, c.problem)
     members = [m for m in c.joint.members if m.name in said.names]
-    return _weighed_anew(replace(said, would_show=_least(ch, members, said, c.problem)), ch, members)
+    with suppress(np.linalg.LinAlgError):
+        said = replace(said, would_show=_least(ch, members, said, c.problem))
+        said = _weighed_anew(said, ch, members)
+    return said
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:

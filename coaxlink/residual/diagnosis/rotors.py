@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.flight import LONG_ROWS
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
@@ -20,7 +21,6 @@ ROTOR = "rotor"  # the number of a shape that is no quantity but a place
 WAYS = ({"thrust_loss": 0.1, "torque_loss": 0.1}, {"speed_loss": 0.05})
 NEAR = 0.8  # of what the best place explains: less is no rival (judgement)
 ROUNDS = 2  # of colour
-MANY_ROWS = 60_000  # of a frame: of longer flights only the rotors of one pair are weighed (seconds)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def _everywhere(ch: Channels, mine: Member) -> list[Member]:
     plain = {k: v for k, v in mine.shape.items() if not any(k in way for way in WAYS)}
     own, airframe = int(mine.shape[ROTOR]), ch.bare.airframe
     numbers = [r.number for r in airframe.rotors]
-    if len(ch.bare.time_s) > MANY_ROWS:
+    if len(ch.bare.time_s) > LONG_ROWS:  # only the rotors of one pair are weighed (seconds)
         pairs = [{numbers[i] for i in pair} for pair in airframe.pairs]
         numbers = sorted({own}.union(*(pair for pair in pairs if own in pair)))
     out = []
