@@ -1,6 +1,7 @@
 """Columns of a flight that the rest of the log contradicts, whatever the rotors do.
 
-Kinematics alone: a height that stands still while the vertical velocity climbs, or goes the other way; a
+Kinematics alone: a height that stands still while the vertical velocity climbs, or goes the other way, or in
+feet; a
 velocity whose sign the accelerometers deny, or an accelerometer whose sign the velocity denies; a mean
 specific force that the velocity would have run away with; and a supply of more volts than any vehicle has.
 """
@@ -20,6 +21,10 @@ from coaxlink.residual.faults.repeated_readings import Finding, Mask, flying_row
 ACCEL_SHARE = 0.05
 ACCEL_S, PIECES, SIGMAS = 2.0, 8, 4.0  # windows; parts of the flight left out in turn, as for a gyro's scale
 CLIMB_M, CLIMB_M_S = 1.0, 0.3  # judgement: a height's own wander; what a vertical velocity is off by
+UNITS = (
+    0.1,
+    2.0,
+)  # judgement: a foot is 0.3 m, a centimetre 0.01; uneven ground and a slow barometer change less
 BEND_M = 3.0  # judgement: what is left of that once its steady part is taken out
 WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
 LINEAR, STEP = 0.5, 1e-3  # of a command's variance: judgement; 1 us of PWM's 1000
@@ -110,10 +115,30 @@ def _climb(log: Samples) -> list[Finding]:
     with np.errstate(invalid="ignore"):  # what is not finite is left out below
         path = -log["vel_d_m_s"][rows].mean(axis=1) * lasted
         rise = log["height_m"][last] - log["height_m"][first]
-    if not _against(rise, path, flown):
+    every = np.ones(log.rows, bool)
+    if _against(rise, path, flown):
+        return [("height_m", every, "it falls where the vertical velocity climbs: its sign is wrong")]
+    use = flown & np.isfinite(rise) & np.isfinite(path)
+    if use.sum() < 2 * PIECES or np.std(path[use]) < MOVES:
         return []
-    why = "it falls where the vertical velocity climbs: its sign is wrong"
-    return [("height_m", np.ones(log.rows, bool), why)]
+    factor, reach = _left_out((rise * path)[use], (path**2)[use])
+    if factor - reach <= UNITS[1] and factor + reach >= UNITS[0]:
+        return []
+    why = f"it climbs {factor:.3g} times what the vertical velocity does: another unit than metres"
+    return [("height_m", every, why)]
+
+
+def _left_out(measured: Array, allowed: Array) -> tuple[float, float]:
+    """The ratio of two sums over windows, and SIGMAS of it, pieces of the flight left out in turn."""
+
+    def ratio(use: Mask) -> float:
+        total = float(np.sum(allowed[use]))
+        return float(np.sum(measured[use])) / (total if abs(total) > 1e-9 else 1e-9)
+
+    piece = np.arange(len(measured)) * PIECES // len(measured)
+    parts = np.array([ratio(piece != k) for k in range(PIECES)])
+    reach = SIGMAS * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
+    return ratio(piece >= 0), reach
 
 
 def _signs(log: Samples) -> list[Finding]:
@@ -168,14 +193,7 @@ def _specific_force(log: Samples) -> list[Finding]:
     measured, allowed = _downwards(log)
     if len(measured) < 2 * PIECES:
         return []
-
-    def ratio(use: Mask) -> float:
-        return float(np.sum(measured[use]) / min(float(np.sum(allowed[use])), -1e-9))
-
-    piece = np.arange(len(measured)) * PIECES // len(measured)
-    parts = np.array([ratio(piece != k) for k in range(PIECES)])
-    reach = SIGMAS * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
-    factor = ratio(piece >= 0)
+    factor, reach = _left_out(measured, allowed)
     if not abs(factor - 1.0) - reach > ACCEL_SHARE:
         return []
     why = f"it reads {factor:.2f} times what the logged velocity allows: its scale or its zero is wrong"

@@ -49,6 +49,7 @@ def stands_still(log):
         ("vel_d_m_s", lambda log: {"vel_d_m_s": -log["vel_d_m_s"]}),
         ("vel_e_m_s", lambda log: {"vel_e_m_s": -log["vel_e_m_s"]}),
         ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
+        ("height_m", lambda log: {"height_m": log["height_m"] / 0.3048}),
     ],
 )
 def test_what_the_rest_of_the_log_contradicts_is_flagged(column, harm, clean):
