@@ -117,7 +117,11 @@ def _adds(frame: StandFrame, p: Numbers) -> Array:
     if "cap" in p:
         lost = lost_to_cap(p, u, v / p["reference_voltage_V"])
         return frame.slowed(-p["speed_exponent"] * lost)
-    return frame.slowed(loaded(u, p) * (speed_factor({"power": 1.0, **p}, v) - 1.0))
+    # about the log's own voltage; what the reference is off by moves every speed alike, loaded or not
+    usual, power = _usual(frame), p.get("power", 1.0)
+    moved = p["speed_exponent"] * _share(v / usual, power)
+    level = p["speed_exponent"] * float(_share(np.asarray(usual / p["reference_voltage_V"]), power))
+    return frame.slowed(loaded(u, p) * moved + u * level)
 
 
 def _usual(frame: FlightFrame | StandFrame) -> float:
