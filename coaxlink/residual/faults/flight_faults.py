@@ -246,20 +246,25 @@ def _swapped(frame: FlightFrame) -> list[Suspect]:
     measured = reduce_columns(frame, frame.measured)[:, 3:]
     scale = np.std(measured, axis=0) + 1e-9
 
-    def left(order: list[int]) -> float:
+    def left(order: list[int]) -> Array:
         loads = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds[:, order]))
-        return float(np.mean(((measured - loads[:, 3:]) / scale) ** 2))
+        return np.asarray(np.mean(((measured - loads[:, 3:]) / scale) ** 2, axis=1))
 
     count = speeds.shape[1]
-    as_labelled = left(list(range(count)))
-    best, pair = as_labelled, (0, 0)
+    labelled = left(list(range(count)))
+    exchanged, pair = labelled, (0, 0)
     for i, j in combinations(range(count), 2):
         order = list(range(count))
         order[i], order[j] = j, i
         now = left(order)
-        if now < best:
-            best, pair = now, (i, j)
+        if now.mean() < exchanged.mean():
+            exchanged, pair = now, (i, j)
+    as_labelled, best = float(labelled.mean()), float(exchanged.mean())
     if best > SWAP * as_labelled or as_labelled < 0.05:
+        return []
+    # cables are exchanged from the first row on; what fits as it is labelled for a while began in mid-flight
+    pieces = zip(np.array_split(labelled, PIECES), np.array_split(exchanged, PIECES), strict=True)
+    if any(FAILS * a.mean() < b.mean() for a, b in pieces):
         return []
     if min(rival(frame, measured / scale, scale) for rival in (_one_fails, off_centre)) < FAILS * best:
         return []

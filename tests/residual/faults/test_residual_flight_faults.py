@@ -14,7 +14,7 @@ from coaxlink.data import Samples
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.faults.contradictions import contradicted, motors_too_many
-from coaxlink.residual.faults.flight_faults import off_centre
+from coaxlink.residual.faults.flight_faults import _swapped, off_centre
 from coaxlink.residual.faults.repeated_readings import copied, stuck
 from coaxlink.rotor import load_rotor_model
 
@@ -158,6 +158,25 @@ def test_two_motors_exchanged_are_named(clean):
     answer = ask(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]})
     assert [s.column for s in answer.suspect_data] == ["motor2, motor7"]
     assert answer.effects == ()
+
+
+def test_what_fits_as_labelled_for_a_while_is_no_exchange(clean):
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    model = load_rotor_model(files.example("rotor_paper.toml"))
+    frame = flight_frame([Samples(clean, "fault")], airframe, model)
+    calm = frame.time_s < np.median(frame.time_s)
+    speeds, pair = frame.speeds.copy(), [1, 6]
+    middle = speeds[:, pair].mean(axis=1, keepdims=True)
+    speeds[:, pair] = np.where(calm[:, None], middle + 0.1 * (speeds[:, pair] - middle), speeds[:, pair])
+    other = speeds.copy()
+    other[:, pair] = speeds[:, pair[::-1]]
+    labelled, exchanged = (airframe.body_loads(*airframe.loads(model, u)) for u in (speeds, other))
+
+    def said(measured):
+        return [s.column for s in _swapped(replace(frame, speeds=speeds, measured=measured))]
+
+    assert said(exchanged) == ["motor2, motor7"]
+    assert said(np.where(calm[:, None], labelled, exchanged)) == []
 
 
 def test_a_centre_of_mass_is_the_rival_of_an_exchange(clean):
