@@ -130,7 +130,7 @@ class Tracing(Generic[Frame]):
             value = p.follows(frame, out)  # type: ignore[misc]
             if value is not None:
                 out[p.name] = value
-        return out
+        return {name: out[name] for name in self.effect.known if name in out}  # as its file lists them
 
     def completed(self, frame: Frame, numbers: Numbers) -> dict[str, float]:
         """A rotor file's numbers, with what follows from them here; raises NotShown where one is missing."""

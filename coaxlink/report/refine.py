@@ -55,7 +55,7 @@ def _most(result: Refinement) -> str:
         if c.rmse_before > 0.0 and any(name in e.channels for e in result.effects)
     }
     sure = [e.evidence["probability"] for e in result.effects if "probability" in e.evidence]
-    said = f"; probability {min(sure):.2f}" if sure else ""
+    said = f"; probability {_chance(min(sure))}" if sure else ""
     if not drops:
         return said
     name = min(drops, key=lambda n: drops[n])
@@ -64,6 +64,10 @@ def _most(result: Refinement) -> str:
         f"; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
         f"{number(c.rmse_after)} {c.unit} (noise alone: {number(c.noise_floor)}){said}"
     )
+
+
+def _chance(probability: float) -> str:
+    return "above 0.99" if probability > 0.99 else f"{probability:.2f}"
 
 
 def named(effect: FoundEffect) -> str:
@@ -100,7 +104,7 @@ def surface(result: Refinement) -> str:
 
 def _probable(evidence: Mapping[str, Any]) -> str:
     """How probable a claim is, and by how much no other name is."""
-    said = f"probability {evidence['probability']:.2f}"
+    said = f"probability {_chance(evidence['probability'])}"
     return f"{said}, {evidence['nats']:.0f} nats ahead of any other name" if "nats" in evidence else said
 
 

@@ -91,6 +91,7 @@ def holds(tracing, frame, numbers):
     columns = tracing.columns(frame, form)
     coefficients = 1e-3 * 0.01 ** (np.arange(columns.shape[-1]) > 0)
     p = tracing.parameters(frame, form, coefficients)
+    assert list(p) == [name for name in tracing.units if name in p]  # a rotor's number before its loss
     again, back = tracing.inverse(frame, p)
     assert again == form
     assert back == pytest.approx(coefficients, rel=1e-6)
