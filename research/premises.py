@@ -292,6 +292,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--damages", type=int, metavar="N")
     parser.add_argument("--flight", choices=("sound", "weak"), help="by default both")
+    parser.add_argument("--premise", choices=tuple(PREMISES), action="append", help="by default all")
     parser.add_argument("--verb", choices=("health", "refine"), default="health")
     parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--small", action="store_true", help="one flight, two premises, for CI")
@@ -299,7 +300,7 @@ def main() -> None:
     o = parser.parse_args()
     if o.damages:
         sys.exit(1 if damages(o.damages, o.verb, o.logs) else 0)
-    chosen = ("inertia guessed", "outputs exchanged") if o.small else tuple(PREMISES)
+    chosen = ("inertia guessed", "outputs exchanged") if o.small else tuple(o.premise or PREMISES)
     rows, wrong = [], 0
     print("| flight | premise | verb | says | exit | |\n|---|---|---|---|---:|---|")
     for flight in ("weak",) if o.small else (o.flight,) if o.flight else ("sound", "weak"):
