@@ -37,6 +37,7 @@ def identify_from_flights(
     from coaxlink.health.coefficients import coefficients_from_flights
     from coaxlink.health.next_flight import next_flight
     from coaxlink.health.premises import flown_by, update_hangs_on
+    from coaxlink.premises import unseen
     from coaxlink.premises.answer import as_json
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
     from coaxlink.rotor.model import save_rotor_model
@@ -75,6 +76,9 @@ def identify_from_flights(
     screen.print(coefficient_table(update, planned))
     screen.print(hover_table(update))
     granted = dict.fromkeys(PREMISES[p] for log in read for p in log.premises)
+    granted |= dict.fromkeys(
+        ("no rotor is taken for a weak one: coaxlink health says whether one is", *unseen(read))
+    )
     for line in (*granted, *words(update), *(planned.words() if planned else ())):
         say(f"- {line}")
     if json:
