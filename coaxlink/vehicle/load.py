@@ -48,7 +48,7 @@ def load_vehicle(
         problem = (
             f"throttles went to {top:.2f}, and rpm do not tell what they are at 1: commands mean nothing"
         )
-        raise InputError(path, "identified.throttle_to", f"{problem}; measure there, or give --speed-max-rpm")
+        raise InputError(path, "identified.throttle_to", f"{problem}; measure there, or give `speed_max_rpm`")
     if frame.pairs and not model.lower_thrust.coefficients:
         problem = "none: a rotor alone was identified, and this airframe has pairs; measure both at once"
         raise InputError(path, Load.LOWER_THRUST.key, problem)
