@@ -95,7 +95,7 @@ def sim(
             return
         from sim.world import World, build, build_bridge, open_links
 
-        _say_bent(airframe, rotor)
+        _say_bent(airframe or files.example("x8_demo.toml"), rotor)
         world = World(
             airframe or files.example("x8_demo.toml"),
             rotor,
@@ -132,14 +132,13 @@ def sim(
                 port.close()
 
 
-def _say_bent(airframe: Path | None, rotor: Path | None) -> None:
-    """Motors of the world turn as commanded, whatever the stand's did."""
-    if rotor is None and airframe is not None:
-        named = files.read_toml(airframe).get("rotor_model")
-        rotor = airframe.parent / named if isinstance(named, str) else None
-    about = files.read_toml(rotor).get("identified") if rotor is not None and rotor.is_file() else None
-    if isinstance(about, dict) and "rpm_over_throttle" in about:
-        say(f"{rotor}: rpm_over_throttle is left out: the world's motors turn as commanded")
+def _say_bent(airframe: Path, rotor: Path | None) -> None:
+    """Motors of the world turn as commanded, whatever the stand's did. Raises WorldError."""
+    from sim.vehicle import read_vehicle
+
+    file = rotor or read_vehicle(airframe).rotor_file
+    if file and file.is_file() and "rpm_over_throttle" in file.read_text(errors="replace"):
+        say(f"{file}: rpm_over_throttle is left out: the world's motors turn as commanded")
 
 
 def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:

@@ -12,7 +12,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.premises.answer import NotJudged
 from coaxlink.rotor.model import CO_ROTATING, COUNTER_ROTATING, RotorModel
 
-MEASURE = "such a pair on a stand (identify it as `co_rotating`)"
+MEASURE = "such a pair on a stand (coaxlink identify, co-rotating)"
 
 
 def turned_otherwise(airframe: Airframe, model: RotorModel) -> str:
