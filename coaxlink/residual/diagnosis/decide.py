@@ -14,12 +14,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
+from coaxlink.residual.diagnosis.hypotheses import ODDS
 from coaxlink.residual.diagnosis.posterior import Posterior
 
 FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --train` writes it
@@ -110,8 +112,15 @@ def probability(model: str, terms: Mapping[str, float]) -> float:
 
 
 def terms_of(candidate: Candidate) -> dict[str, float]:
-    """What the logistic model takes of a candidate: a name is as sure as its strongest rival is far."""
-    numbers = candidate.numbers
+    """What the logistic model takes of a candidate: a name is as sure as its strongest rival is far.
+
+    A rival of no size is nothing in the place, with odds of its own to pay: none is further away than that,
+    whether it was worth a visit or not.
+    """
+    numbers = dict(candidate.numbers)
+    for kind, way in product(("free", "cause", "rival"), WAYS):
+        most = numbers[f"nothing_{way}"] - float(ODDS)
+        numbers[f"{kind}_{way}"] = min(numbers[f"{kind}_{way}"], most)
     out = {name: numbers[name] for name in ("beside", "bent", "forms", "load", "members")}
     for way in WAYS:
         out[f"rival_{way}"] = numbers[f"rival_{way}"]
