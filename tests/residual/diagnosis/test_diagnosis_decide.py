@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from coaxlink.residual.diagnosis.decide import calibration, opened_terms, probability, terms_of
-from coaxlink.residual.diagnosis.features import Candidate
+from coaxlink.residual.diagnosis.decide import WAYS, calibration, opened_terms, probability, terms_of
+from coaxlink.residual.diagnosis.features import MOST, Candidate
 
 KINDS = [
     f"{kind}_{way}" for kind in ("nothing", "free", "cause", "rival") for way in ("raw", "tempered", "own")
@@ -39,3 +39,8 @@ def test_one_rival_that_is_level_is_enough_to_withhold_a_name(kind):
 @pytest.mark.parametrize("weaker", [{"freed": 0.0}, {"bent": 0.0}, {"forms": 3.0}])
 def test_what_speaks_against_a_name_lowers_its_probability(weaker):
     assert said(100.0, **weaker) < said(100.0)
+
+
+def test_that_no_rival_was_worth_a_visit_is_no_evidence_for_a_weak_name():
+    unvisited = {f"{kind}_{way}": MOST for kind in ("free", "cause", "rival") for way in WAYS}
+    assert said(8.0, **unvisited, freed=MOST, bent=MOST) < calibration()["level"]["name"]
