@@ -114,11 +114,11 @@ def probability(model: str, terms: Mapping[str, float]) -> float:
 def terms_of(candidate: Candidate) -> dict[str, float]:
     """What the logistic model takes of a candidate: a name is as sure as its strongest rival is far.
 
-    A rival of no size is nothing in the place, with odds of its own to pay: none is further away than that,
-    whether it was worth a visit or not.
+    A rival of no size is nothing in the place, with odds of its own to pay: none of a name is further away
+    than that, whether it was worth a visit or not. A group holds the rivals that were.
     """
     numbers = dict(candidate.numbers)
-    for kind, way in product(("free", "cause", "rival"), WAYS):
+    for kind, way in product(("free", "cause", "rival") if len(candidate.names) == 1 else (), WAYS):
         most = numbers[f"nothing_{way}"] - float(ODDS)
         numbers[f"{kind}_{way}"] = min(numbers[f"{kind}_{way}"], most)
     out = {name: numbers[name] for name in ("beside", "bent", "forms", "load", "members")}
