@@ -19,7 +19,7 @@ from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import Search
 from coaxlink.residual.diagnosis.shown import Shown, would_show
 from coaxlink.residual.diagnosis.stand import stand_channels
-from coaxlink.residual.experiments.stand_run import Experiment, Rival, stand_experiment
+from coaxlink.residual.experiments.stand_run import CLEAR, Experiment, Rival, stand_experiment
 from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.residual.result import HIDDEN, Refinement, WouldShow
 from coaxlink.rotor import RotorModel
@@ -171,4 +171,5 @@ def _next_run(found: Diagnosis, shown: Mapping[str, Shown]) -> Experiment | None
     _, *names = min(alike)
     frame, noise = found.channels.bare, found.posterior.best.fit.noise
     members = [shown[name].member for name in names]
-    return stand_experiment(frame, noise, [Rival(m.effect, m.parameters(frame)) for m in members])
+    rivals = [Rival(m.effect, m.parameters(frame)) for m in members]
+    return stand_experiment(frame, noise, rivals, enough=CLEAR)

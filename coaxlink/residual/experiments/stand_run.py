@@ -196,8 +196,9 @@ def separated(
     sigma: Array,
     channels: Sequence[str],
     kind: str = "stand",
+    enough: float = ENOUGH,
 ) -> Experiment | None:
-    """Join moves until the rivals are far apart; None where no run within reach separates them."""
+    """Join moves until the rivals are `enough` apart; None where no run within reach separates them."""
 
     def far(pieces: Sequence[Any]) -> tuple[float, str]:
         predicted = look(pieces)
@@ -213,7 +214,7 @@ def separated(
         (best, channel), chosen = best_of([(*a, *b) for i, a in enumerate(first) for b in first[i + 1 :]])
     if best < 1.0:
         return None
-    while best < ENOUGH and _seconds(chosen) < LONGEST_S[kind]:
+    while best < enough and _seconds(chosen) < LONGEST_S[kind]:
         tried = [(far((*chosen, *m)), (*chosen, *m)) for m in moves]
         (now, where), plan = max(tried, key=lambda x: _worth(x[0][0] - best, x[1][len(chosen) :]))
         if now < 1.02 * best:
@@ -223,10 +224,12 @@ def separated(
     return Experiment(names, chosen, float(np.sqrt(best)), channel, kind)
 
 
-def stand_experiment(frame: StandFrame, sigma: Array, rivals: Sequence[Rival]) -> Experiment | None:
+def stand_experiment(
+    frame: StandFrame, sigma: Array, rivals: Sequence[Rival], enough: float = ENOUGH
+) -> Experiment | None:
     """The schedule that separates rivals best; None where no run within reach does.
 
-    `sigma` (channels present,) is the noise of one row.
+    `sigma` (channels present,) is the noise of one row; `enough` the squared distance that is looked for.
     """
     bench = Bench(frame, tuple(rivals), _heat_of(frame))
     present = list(frame.present)
@@ -242,7 +245,8 @@ def stand_experiment(frame: StandFrame, sigma: Array, rivals: Sequence[Rival]) -
         bounds = np.array([b for _, b, _ in nuisance])
         return view(plan, rivals, columns, bounds, lambda values: values[:, present])
 
-    return separated(rivals, _moves(bench), look, sigma, [STAND_CHANNELS[c] for c in present])
+    channels = [STAND_CHANNELS[c] for c in present]
+    return separated(rivals, _moves(bench), look, sigma, channels, enough=enough)
 
 
 def planned(bench: Bench, pieces: Sequence[Piece]) -> StandFrame:
