@@ -128,11 +128,9 @@ class Airframe:
         return self.wrench(unit, none).T, self.wrench(none, unit).T
 
 
-Vector = tuple[
-    Annotated[float, Field(allow_inf_nan=False)],
-    Annotated[float, Field(allow_inf_nan=False)],
-    Annotated[float, Field(allow_inf_nan=False)],
-]
+FURTHEST_M = 1000.0  # no rotor is further from the centre of mass; a board's float32 holds no more than 3e38
+Component = Annotated[float, Field(allow_inf_nan=False, ge=-FURTHEST_M, le=FURTHEST_M)]
+Vector = tuple[Component, Component, Component]
 Name = Annotated[str, AfterValidator(plain_name)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

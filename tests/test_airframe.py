@@ -52,6 +52,12 @@ def test_a_tilted_rotor_pushes_sideways_and_yaws_by_its_lever(tmp_path: Path) ->
     assert body == pytest.approx([0, 3, -4, 0, 4, 3], abs=1e-12)
 
 
+def test_a_rotor_a_kilometre_out_is_refused(tmp_path: Path) -> None:
+    frame = write(tmp_path, *(single(n, [1e39, 0.0, 0.0]) for n in (1, 2, 3)))
+    with pytest.raises(InputError, match=r"rotors\[1\].position_m"):
+        load_airframe(frame)
+
+
 def test_effectiveness_is_the_wrench_of_unit_loads() -> None:
     x8 = load_airframe(EXAMPLES / "x8_paper.toml")
     per_thrust, per_torque = x8.effectiveness()
