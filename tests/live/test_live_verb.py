@@ -140,7 +140,7 @@ def test_what_never_arrived_in_words() -> None:
     summary = {
         "law": "exact", "dry_run": False, "state": "live", "cycles": 1000, "seconds": 4.0, "rate_hz": 250.0,
         "latency_us": {"p50": 100.0, "p99": 300.0}, "allocation_error": {"mean": [0.0] * 4},
-        "unanswered": {"late": 3}, "not_believed": 7, "arrival": arrival,
+        "unanswered": {"late": 3}, "not_believed": 7, "arrival": arrival, "board": None,
     }  # fmt: skip
     assert _line(summary).endswith("unanswered 3, never arrived 800, 7 datagrams under its ids not believed")
 
