@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.flight import LONG_ROWS
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
@@ -52,7 +54,16 @@ def places(ch: Channels, members: Sequence[Member]) -> list[Place]:
     weighed = posterior(ch, scorer.colour, found)
     mass: dict[int, float] = {}
     best_of: dict[int, Member] = {}
-    for share, h in sorted(zip(weighed.mass, weighed.sets, strict=True), key=lambda pair: -pair[0]):
+    # rotors have the same numbers under the same priors: what corrections give way for hangs together with
+    # what is left over as the fit does, so the whole evidence is tempered
+    lead = weighed.best
+    ahead = [
+        t * (h.fit.log_evidence - lead.fit.log_evidence) + h.log_prior - lead.log_prior
+        for t, h in zip(weighed.temper, weighed.sets, strict=True)
+    ]
+    odds = np.exp(np.array(ahead) - max(ahead))
+    shares = odds / odds.sum()
+    for share, h in sorted(zip(shares, weighed.sets, strict=True), key=lambda pair: -pair[0]):
         m = _placed(h)
         rotor = int(m.shape[ROTOR])
         mass[rotor] = mass.get(rotor, 0.0) + float(share)
