@@ -38,7 +38,12 @@ def ardupilot_layout(
         raise InputError(source, "FRAME_CLASS", "missing: ArduCopter 3.5 or later is expected")
     if plane and not params.get("Q_ENABLE", 1):
         raise InputError(source, "Q_ENABLE 0", "a plane without lift motors: a quadplane (1) is expected")
-    frame, kind = int(params[f"{prefix}FRAME_CLASS"]), int(params.get(f"{prefix}FRAME_TYPE", 1))
+    numbers = params[f"{prefix}FRAME_CLASS"], params.get(f"{prefix}FRAME_TYPE", 1)
+    if not all(math.isfinite(n) for n in numbers):
+        raise InputError(
+            source, f"{prefix}FRAME_CLASS, _TYPE", f"whole numbers are expected, found {numbers}"
+        )
+    frame, kind = map(int, numbers)
     where = f"{prefix}FRAME_CLASS {frame}"
     outputs = _outputs(params)
     notes: list[str] = []
@@ -162,7 +167,7 @@ def _outputs(params: Params) -> dict[int, list[str]]:
     """Motor number -> connectors."""
     found: dict[int, list[str]] = {}
     for output in range(1, _OUTPUTS + 1):
-        motor = MOTOR_FUNCTIONS.get(int(params.get(f"SERVO{output}_FUNCTION", 0)))
+        motor = MOTOR_FUNCTIONS.get(params.get(f"SERVO{output}_FUNCTION", 0))  # type: ignore[arg-type]
         if motor:
             found.setdefault(motor, []).append(f"SERVO {output}")
     return found

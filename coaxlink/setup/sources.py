@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 
@@ -48,10 +49,10 @@ def px4_layout(params: Params, source: str) -> Layout:
         raise InputError(
             source, "CA_ROTOR_COUNT", "missing: PX4 v1.14 or later with a multirotor is expected"
         )
-    airframe = int(params.get("CA_AIRFRAME", 0))
+    airframe = params.get("CA_AIRFRAME", 0)
     if airframe:
-        kind = _PX4_AIRFRAMES.get(airframe, "a vehicle of another kind")
-        raise InputError(source, f"CA_AIRFRAME {airframe}", f"{kind}: a multirotor (0) is expected")
+        kind = _PX4_AIRFRAMES.get(airframe, "a vehicle of another kind")  # type: ignore[arg-type]
+        raise InputError(source, f"CA_AIRFRAME {airframe:g}", f"{kind}: a multirotor (0) is expected")
     try:
         table = px4.params_to_table(params)
     except TableError as error:
@@ -91,7 +92,7 @@ def _px4_outputs(params: Params) -> dict[int, list[str]]:
     found: dict[int, list[str]] = {}
     for name, value in params.items():
         match = _PX4_OUTPUT.fullmatch(name)
-        if match and value >= _PX4_MOTOR_1:
+        if match and _PX4_MOTOR_1 <= value < math.inf:
             connector = f"{match[1].removeprefix('PWM_').replace('_', ' ')} {match[2]}"
             found.setdefault(int(value) - _PX4_MOTOR_1 + 1, []).append(connector)
     return found
