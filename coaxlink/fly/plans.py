@@ -102,6 +102,9 @@ def identify(height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S
     )
 
 
+LONGEST_S = 7200.0  # of a flight: no multirotor's pack lasts longer
+
+
 NAMED: dict[str, Callable[..., FlightPlan]] = {
     "hover": hover,
     "circle": circle,
@@ -137,6 +140,8 @@ def plan_of(what: str, height_m: float, reach_m: float, yaw_rad_s2: float = CAUT
         raise InputError(what, str(error.args[0]), "missing; refine and identify write it") from error
     except (TypeError, ValueError) as error:
         raise InputError(what, "", f"not a flight plan as refine or identify writes it ({error})") from error
+    if not plan.duration_s <= LONGEST_S:  # NaN too
+        raise InputError(what, "seconds", f"{LONGEST_S:g} s in all at most, found {plan.duration_s:g}")
     return plan
 
 
