@@ -25,7 +25,7 @@ from coaxlink.residual.result import HIDDEN, Refinement, WouldShow
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
-ROUNDS = 3  # of colour: what is left of the best set says what the noise is
+ROUNDS = 2  # of colour: what is left of the best set says what the noise is
 SAME_COLOUR = 0.05  # of a coefficient
 NAMED_NATS = 30.0  # that a name has where it is claimed, at the least: what the smallest size is reported for
 STARTS = 4  # sets that the next round begins with
@@ -45,29 +45,32 @@ class Diagnosis:
 
 
 def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
-    """Search under the colour of what no set at all leaves, then of what the best set leaves, until that
-    stays.
+    """Search under white noise and under the colour of what no set at all leaves, then under that of what the
+    best set leaves, until it stays.
 
+    A slow effect is noise under a colour that has it already; under white noise a wander is an effect.
     The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
     What could be confounded with each effect of the best set is weighed as well.
     """
     ch = mapped(ch, white(ch.count))
-    colour = coloured(ch, Scorer(ch, white(ch.count)).empty).colour
+    empty = Scorer(ch, white(ch.count)).empty
+    first = [white(ch.count), coloured(ch, empty).colour]
     starts: list[Hypothesis] = []
+    for colour in first[:1] if _same(*first) else first:
+        visited = Search(Scorer(ch, colour), lambda said: progress(f"weighing {said}")).run()
+        starts += visited.ranked()[:STARTS]
     for number in range(ROUNDS):
+        # noise is what the set leaves that has most evidence under the colour of what itself leaves: what
+        # wanders is no form over time, and a form over time no noise, before both were weighed
+        best = max((coloured(ch, h) for h in (*starts, empty)), key=lambda h: h.score)
+        better = mapped(ch, best.colour, best)
+        if number and _same(best.colour, colour) and better.map == ch.map:
+            break
+        ch, colour = better, best.colour
         scorer = Scorer(ch, colour)
         search = Search(scorer, lambda said: progress(f"weighing {said}"))
         visited = search.run(starts)
-        starts = visited.ranked()[:STARTS]
-        if number == ROUNDS - 1:
-            break
-        # noise is what the set leaves that has most evidence under the colour of what itself leaves: what
-        # wanders is no form over time, and a form over time no noise, before both were weighed
-        best = max((coloured(ch, h) for h in (*starts, scorer.empty)), key=lambda h: h.score)
-        better = mapped(ch, best.colour, best)
-        if _same(best.colour, colour) and better.map == ch.map:
-            break
-        ch, colour = better, best.colour
+        empty, starts = scorer.empty, visited.ranked()[:STARTS]
     progress("weighing what could stand in")
     search.rivals()
     found = posterior(ch, scorer.colour, visited.ranked())
