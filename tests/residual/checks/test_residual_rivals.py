@@ -80,7 +80,10 @@ def walk(rows, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3])
 def test_an_effect_is_judged_in_its_best_shape(seed):
-    """Wave drag near full speed and less lift: of no one shape of the grid, most of it within the tilt."""
+    """Wave drag near full speed and less lift: of no one shape of the grid, most of it within the tilt.
+
+    Named, or left open over a rotor's own speed with this name withheld; never another one, nor silence.
+    """
     speeds = walk(700, seed)
     loads = steady_loads(*speeds.T)
     for side in (0, 1):
@@ -88,7 +91,11 @@ def test_an_effect_is_judged_in_its_best_shape(seed):
         loads[2 * side] *= 1.0 - 0.02 * steep
         loads[2 * side + 1] *= 1.0 + 0.03 * steep
     answer = ask(stand(speeds, loads, seed, time_s=0.5 * np.arange(700.0)), PAPER)
-    assert names(answer) == {"blade_speed_law"}
+    opened = {variable for u in answer.unexplained for variable in u.depends_on}
+    withheld = {r.name for r in answer.rejected if "too little for a name" in r.why}
+    assert names(answer) == {"blade_speed_law"} or (
+        not names(answer) and opened and opened <= {"u_u", "u_l"} and withheld == {"blade_speed_law"}
+    )
 
 
 @pytest.mark.slow
