@@ -16,7 +16,6 @@ import math
 import multiprocessing
 import os
 import random
-import signal
 import socket
 import subprocess
 import sys
@@ -141,7 +140,7 @@ def real_time(cycles: int, rate_hz: float, law: str) -> None:
             blocks.append(round_trips(lines[name], rate_hz, cycles // BLOCKS))
             round_trips(lines["mix"], rate_hz, 40)  # it settles again after a silence
     status = Path(f"/proc/{verb.pid}/status").read_text()
-    verb.send_signal(signal.SIGINT)
+    verb.terminate()  # a shell that runs this in its background has Ctrl-C ignored
     print(verb.communicate()[0].strip(), status[status.index("VmRSS") :].splitlines()[0], sep="\n")
     echoing.terminate()
     for name, blocks in times.items():
