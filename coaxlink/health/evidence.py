@@ -9,7 +9,7 @@ matrices, for every hypothesis of what was strapped on, and of when a fault set 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -182,21 +182,20 @@ class Seen:
     score: Array  # (R, N, 3)
 
 
-def seen(flights: Sequence[Eliminated], precision: Array, since: int, until: int | None = None) -> Seen:
-    """`since`: the flight in which the fault set in; it was there in all behind it, but in none from `until`
-    on, before which it was mended."""
+def seen(flights: Sequence[Eliminated], precision: Array, since: int) -> Iterator[Seen]:
+    """Of a fault that set in in flight `since`, mended before each later one in turn, then never."""
     gram, moment, log = _shared(flights, precision)
     inverse = np.linalg.inv(gram)
     cross, own, pull = (np.array(a) for a in _of(flights[since]))
-    for f in flights[since + 1 : until]:
-        for total, part in zip((cross, own, pull), _of(f.from_start()), strict=True):
-            total += part
-    flat = cross.reshape(len(cross), -1, LOADS)
-    solved = (inverse @ flat.reshape(len(cross), -1)).reshape(flat.shape)
-    taken = np.stack([np.sum(flat * solved[..., [b]], axis=0) for b in range(LOADS)], axis=-1)
-    information = own - taken.reshape(own.shape)
-    score = pull - (moment @ solved.reshape(len(cross), -1)).reshape(pull.shape)
-    return Seen(log, information, score)
+    for until in range(since + 1, len(flights) + 1):
+        flat = cross.reshape(len(cross), -1, LOADS)
+        solved = (inverse @ flat.reshape(len(cross), -1)).reshape(flat.shape)
+        taken = np.stack([np.sum(flat * solved[..., [b]], axis=0) for b in range(LOADS)], axis=-1)
+        score = pull - (moment @ solved.reshape(len(cross), -1)).reshape(pull.shape)
+        yield Seen(log, own - taken.reshape(own.shape), score)
+        if until < len(flights):
+            for total, part in zip((cross, own, pull), _of(flights[until].from_start()), strict=True):
+                total += part
 
 
 def evidence(flights: Sequence[Eliminated], precision: Array) -> float:

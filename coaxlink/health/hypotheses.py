@@ -136,7 +136,7 @@ def _compared(sums: Sequence[FlightSums], slides: bool) -> tuple[Comparison, _Hy
     count, rotors = len(sums), sums[0].flight.thrust.shape[1]
     precision = lasting_precision(sums[0].flight)
     drawn = [s.eliminated() for s in sums]
-    nuisance = seen(drawn, precision, count - 1)
+    (nuisance,) = seen(drawn, precision, count - 1)
     # the ways in which a payload may have hung, and their log weights without a fault; the first is as drawn
     payloads: list[tuple[int, Onset | None]] = [(-1, None)]
     without = [nuisance.log + float(np.log(1 - PAYLOAD_ODDS))]
@@ -160,8 +160,8 @@ def _compared(sums: Sequence[FlightSums], slides: bool) -> tuple[Comparison, _Hy
         for since, s in enumerate(sums):
             each = np.log(FAULT_ODDS / (count * rotors * len(KINDS)))
             prior = np.log([o.prior for o in s.onsets])[:, None, None] + each
-            for until in range(since + 1, count + 1):
-                weighed = _weighed(seen(have, precision, since, until))
+            for until, so_far in enumerate(seen(have, precision, since), start=since + 1):
+                weighed = _weighed(so_far)
                 log = weighed.log + without[way] + prior + _lasts(since, until, count)
                 faulty.append((since, until, way, replace(weighed, log=log)))
     alone = [

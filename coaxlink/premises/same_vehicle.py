@@ -194,10 +194,10 @@ def _currents(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
     speeds = body.turned(model, np.clip(given, 0.0, 1.0))
     power = body.loads(model, speeds)[1] * speeds * model.speed_max_rpm * RAD_S_PER_RPM
     flying = power > 0.5 * np.nanmedian(power, axis=0)  # idling says nothing
-    told = np.isfinite(power) & np.isfinite(amperes) & flying & (amperes > 0.0)
-    if told.sum(axis=0).min() < FEWEST:
+    logged = np.isfinite(power) & np.isfinite(amperes) & flying & (amperes > 0.0)
+    if logged.sum(axis=0).min() < FEWEST:
         return
-    drawn, worked = (np.array([np.median(x[t, k]) for k, t in enumerate(told.T)]) for x in (amperes, power))
+    drawn, worked = (np.array([np.median(x[t, k]) for k, t in enumerate(logged.T)]) for x in (amperes, power))
     each, ranked = drawn / worked, np.sort(drawn) / np.sort(worked)
     each, ranked = each / np.median(each), ranked / np.median(ranked)
     # one alone is a fault; and the same currents have to fit the motors in some other order

@@ -88,13 +88,13 @@ def refine(
             lacks = _hangs_on(found, several, bare)
         return found.claiming_nothing(lacks) if lacks else found
 
-    def told() -> Refinement:
+    def noted() -> Refinement:
         found = run()
         return replace(found, notes=(*found.notes, *unseen(several)))
 
     if differs := tuple(other_motors(several, airframe)):
         return Refinement("flight", {}, (), (), (), (), (), None, not_this_vehicle=differs)
-    return _answered(several, told)
+    return _answered(several, noted)
 
 
 def vehicle_differs(logs: Sequence[Samples], airframe: Airframe) -> tuple[OtherVehicle, ...]:

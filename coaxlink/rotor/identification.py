@@ -357,7 +357,11 @@ def _provenance(result: Identification) -> dict[str, Any]:
 def _curves(data: StandData) -> dict[str, Any]:
     """rpm = b_0 + b_1 t + b_2 t^2 of throttle t, where the log has both and they are not proportional; or how
     far throttles went, where that does not tell what full throttle gives."""
-    told = {side: list(curve.coefficients) for side, curve in data.speeds.curves.items() if curve.told}
-    unknown = [c.top for c in data.speeds.curves.values() if not c.told and data.speeds.source != "given"]
-    found: dict[str, Any] = {"rpm_over_throttle": told} if told else {}
+    curves = {
+        side: list(curve.coefficients) for side, curve in data.speeds.curves.items() if curve.reaches_full
+    }
+    unknown = [
+        c.top for c in data.speeds.curves.values() if not c.reaches_full and data.speeds.source != "given"
+    ]
+    found: dict[str, Any] = {"rpm_over_throttle": curves} if curves else {}
     return found | ({"throttle_to": max(unknown)} if unknown else {})

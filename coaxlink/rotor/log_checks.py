@@ -200,12 +200,12 @@ def _no_speed(data: StandData) -> Iterator[str]:
 def _full_throttle(data: StandData) -> Iterator[str]:
     """Where commands are not speeds."""
     for side, curve in data.speeds.curves.items():
-        if data.speeds.source != "given" and not curve.told:
+        if data.speeds.source != "given" and not curve.reaches_full:
             yield (
                 f"{side}: throttle goes to {curve.top:.2f}, and rpm do not tell what they are at 1: no table "
                 "is made of that; measure there, or give `speed_max_rpm`"
             )
-        elif curve.told and abs(np.subtract(*curve.bend())) > BENT:
+        elif curve.reaches_full and abs(np.subtract(*curve.bend())) > BENT:
             at, gives = curve.bend()
             yield (
                 f"{side}: throttle {at:.2f} gives {gives:.2f} of full speed: the model keeps their curve, "

@@ -39,7 +39,7 @@ class ThrottleCurve:
         return float(sum(self.coefficients))
 
     @property
-    def told(self) -> bool:
+    def reaches_full(self) -> bool:
         """Whether speeds may be taken from throttles by it: full throttle was measured, or is known."""
         return self.known or self.top >= AT_FULL
 

@@ -339,11 +339,11 @@ def _rpm(
         if first and same > 10 and np.any(usual) and np.array_equal(rpm[:same], usual[:same]):
             notes.append(f"rpm{first + 1}..{first + 4} left out: ESC_STATUS repeats rotors 1-4 there")
             continue
-        told = {"rpm{}": rpm, "current{}_A": ampere * batch["current"]}
-        told |= {"temperature{}_C": batch["temperature"]} if "temperature" in batch else {}
+        values = {"rpm{}": rpm, "current{}_A": ampere * batch["current"]}
+        values |= {"temperature{}_C": batch["temperature"]} if "temperature" in batch else {}
         for i in range(4):
             if np.any(rpm[:, i]):
-                columns = {n: c[:, i] for n, c in told.items() if np.any(c[:, i])}
+                columns = {n: c[:, i] for n, c in values.items() if np.any(c[:, i])}
                 speeds[first + i] = batch["time_s"], columns
         if info is not None and (of := rows_of(info, info["index"] == first)) is not None:
             warm |= {first + i: (of["time_s"], 0.01 * of["temperature"][:, i]) for i in range(4)}

@@ -298,8 +298,8 @@ def _rpm(
         columns = {f"rpm{motor}": rpm[esc] for esc, motor in motors.items()}
         for esc, motor in motors.items():
             for ours, theirs in (("current{}_A", "current"), ("temperature{}_C", "temperature")):
-                if np.any(told := topic.get(f"esc[{esc}].esc_{theirs}", np.zeros(1))):
-                    columns[ours.format(motor)] = told
+                if np.any(values := topic.get(f"esc[{esc}].esc_{theirs}", np.zeros(1))):
+                    columns[ours.format(motor)] = values
         found.append(TimeSeries.of(topic["time_s"], columns))
     return found
 

@@ -214,9 +214,7 @@ def _dragged(f: _Flight, c: _Choice) -> _Choice:
 
 
 def _placed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Place, ...], tuple[Ambiguous, ...]]:
-    """With what is at one rotor at the likeliest one, and its places; or withheld, where these are not told
-    apart.
-    """
+    """With what is at one rotor at the likeliest one, and its places; or withheld, where none stands out."""
     mine = next((m for m in c.joint.members if ROTOR in m.shape), None)
     if mine is None or mine.name in f.knows or c.selection.doubtful:
         return c, (), ()
@@ -248,7 +246,7 @@ def _weighed_anew(said: Refinement, ch: Channels, members: Sequence[Member]) -> 
     nats = borne_out(ch, members)
     sure = {name: probability_of("flight", flown_terms(n)) for name, n in nats.items()}
 
-    def told(e: FoundEffect) -> FoundEffect:
+    def with_evidence(e: FoundEffect) -> FoundEffect:
         if "probability" not in e.evidence:
             return e
         p = e.evidence["probability"] / AMONG_KNOWN * sure[e.name]
@@ -258,7 +256,7 @@ def _weighed_anew(said: Refinement, ch: Channels, members: Sequence[Member]) -> 
         {"names": [e.name], "probability": sure[e.name], "numbers": {"tempered": nats[e.name]}}
         for e in said.effects
     )
-    return replace(said, effects=tuple(told(e) for e in said.effects), weighed=weighed)
+    return replace(said, effects=tuple(with_evidence(e) for e in said.effects), weighed=weighed)
 
 
 def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:
@@ -267,7 +265,7 @@ def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:
         return said
     shares = {str(p.rotor): round(p.probability, 4) for p in found if p.probability > NO_PLACE}
 
-    def told(e: FoundEffect) -> FoundEffect:
+    def with_evidence(e: FoundEffect) -> FoundEffect:
         if e.name != found[0].member.name:
             return e
         evidence = {**e.evidence, "rotors": shares}
@@ -275,7 +273,7 @@ def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:
             evidence["probability"] = round(evidence["probability"] * found[0].probability, 4)
         return replace(e, evidence=evidence)
 
-    return replace(said, effects=tuple(told(e) for e in said.effects))
+    return replace(said, effects=tuple(with_evidence(e) for e in said.effects))
 
 
 def _doubted(f: _Flight, c: _Choice) -> _Choice:
