@@ -35,7 +35,8 @@ def ends(s: Summary) -> Iterator[str]:
 def answer(s: Summary) -> Iterator[str]:
     """What was flown; then every figure that a law makes worse or better, beyond its interval."""
     flights = sum(c.flown for c in s.counts.values())
-    against = f", each draw by {' and '.join(s.laws)}" if len(s.laws) > 1 else f" by {s.laws[0]}"
+    *others, last = s.laws
+    against = f", each draw by {', '.join(others)} and {last}" if others else f" by {last}"
     yield f"{s.name}: {flights} simulated flights{against}."
     for law, found in s.paired.items():
         better = [_change(f, p) for f, p in found.items() if p.ci[1] < 0.0]
@@ -67,7 +68,7 @@ def worst_rows(s: Summary) -> list[tuple[str, ...]]:
 
 def spread_heads(s: Summary) -> tuple[str, ...]:
     """Of `spread_rows`."""
-    return "figure, unit", *(f"{law}: mean (95 % interval)" for law in s.laws)
+    return "mean (95 % interval)", *s.laws
 
 
 def worst_heads(s: Summary) -> tuple[str, ...]:

@@ -177,7 +177,7 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
     roll, pitch, yaw = np.mean(delivered - demanded, axis=0)[1:]
     said = [
         f"Thrust came out at {gain:.2f} of what {by} says",
-        f"Mean torque beyond what it says: roll {roll:+.2f}, pitch {pitch:+.2f}, yaw {yaw:+.2f} N m",
+        f"Mean torque beyond what it says: roll {roll:+z.2f}, pitch {pitch:+z.2f}, yaw {yaw:+z.2f} N m",
     ]
     if airframe.pairs:
         said.insert(0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power")

@@ -46,6 +46,11 @@ class ParameterValue:
     ci: Interval
     unit: str
 
+    def __str__(self) -> str:
+        """Name, value, its interval where it has one, unit."""
+        interval = f" ({self.ci[0]:.3g} .. {self.ci[1]:.3g})" if self.ci[0] < self.ci[1] else ""
+        return f"{self.name} {self.value:.3g}{interval}{'' if self.unit == '1' else ' ' + self.unit}"
+
 
 @dataclass(frozen=True)
 class FoundEffect:
@@ -213,10 +218,7 @@ class Refinement:
         """The answer: what was found with its numbers, what stays open, and the errors before and after."""
         lines = [f"{self.source or self.kind}: {self.verdict}", *(reason.line() for reason in self.reasons)]
         for e in self.effects:
-            numbers = ", ".join(
-                f"{p.name} {p.value:.3g} ({p.ci[0]:.3g} .. {p.ci[1]:.3g}) {p.unit}" for p in e.parameters
-            )
-            lines.append(f"{e.name} in {', '.join(e.channels)}: {numbers}")
+            lines.append(f"{e.name} in {', '.join(e.channels)}: {', '.join(map(str, e.parameters))}")
         lines += [f"{' or '.join(a.names)}: separated by {a.separate_by}" for a in self.ambiguous]
         lines += [f"{s.column} ({s.rows}): {s.why}" for s in self.suspect_data]
         lines += [f"{u.channel} still follows {', '.join(u.depends_on)}" for u in self.unexplained]

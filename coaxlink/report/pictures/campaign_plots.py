@@ -67,7 +67,7 @@ def differences(summary: Summary) -> bytes:
     axes.axvline(0.0, color="0.6", lw=1)
     axes.set_yticks(range(len(names)), [WORDS[n] for n in names])
     axes.invert_yaxis()
-    axes.set_xlabel(f"per cent of {summary.laws[0]}'s mean, 95 %; left is better")
+    axes.set_xlabel(f"% of {summary.laws[0]}'s mean, left is better")
     axes.legend()
     plain_axis(axes)
     return drawn(figure)
