@@ -13,7 +13,7 @@ from case_table import case_table
 
 import coaxlink
 from coaxlink.cli import build_app
-from coaxlink.cli.shared.shell import run
+from coaxlink.cli.shared.shell import run, say
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 
 
@@ -52,6 +52,16 @@ def test_wrong_use_is_one_line_and_exit_2(capsys, arguments):
     error = capsys.readouterr().err
     assert error.startswith("coaxlink: ")
     assert error.count("\n") == 1
+
+
+def test_on_a_screen_a_remark_breaks_between_words_and_a_command_never(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "20")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    say("- rotor 6 lost a fifth of its thrust")
+    say("next: coaxlink refine a.csv --airframe b.toml")
+    assert capsys.readouterr().err.splitlines() == [
+        "- rotor 6 lost a", "  fifth of its", "  thrust", "next: coaxlink refine a.csv --airframe b.toml"
+    ]  # fmt: skip
 
 
 def test_success_is_zero(capsys):
@@ -199,7 +209,7 @@ import coaxlink
 {loaded}
 def verb():
     from coaxlink.cli import build_app
-    from coaxlink.cli.shared.shell import run
+    from coaxlink.cli.shared.shell import run, say
     print("ended with", run(build_app(), ["refine", "nowhere.csv"]))
 thread = threading.Thread(target=verb)
 thread.start()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TextIO
@@ -151,9 +153,18 @@ def say_vehicle(airframe: Path | None) -> None:
 
 
 def say(text: str) -> None:
-    """Talk, to stderr, options by their names; nothing in it moves the cursor or colours the screen."""
+    """Talk, to stderr, options by their names; nothing in it moves the cursor or colours the screen.
+
+    A remark ("- ...") is broken between words where a screen is narrower; a line to copy never.
+    """
+    lines = plain_lines(by_option(text))
+    if lines.startswith("- ") and sys.stderr.isatty():
+        wide = shutil.get_terminal_size().columns
+        lines = textwrap.fill(
+            lines, wide, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
     with contextlib.suppress(OSError):  # a full disk: the exit code still says it
-        sys.stderr.write(f"{plain_lines(by_option(text))}\n")
+        sys.stderr.write(f"{lines}\n")
 
 
 def figure(value: float, digits: int = 3) -> str:
