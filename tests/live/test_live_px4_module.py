@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from board_law import build, compare
+from board_law import WARNINGS, build, compare
 from verb import run
 
 from coaxlink.errors import InputError
@@ -17,6 +17,7 @@ from coaxlink.live.onboard.px4 import module_files
 from coaxlink.vehicle import load_vehicle
 
 X8 = load_vehicle(example("x8_paper.toml"))
+NUTTX = Path(__file__).parents[1] / "helpers" / "nuttx_cxx"  # of C++'s library, what PX4 on a board has
 SANE = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_compiler = pytest.mark.skipif(shutil.which("g++") is None, reason="g++ compiles the module's law")
 
@@ -32,6 +33,22 @@ def test_law_on_board_is_the_python_law(tmp_path):
             assert found["settled"] > 0.99 and found["worst"] < 1e-4, found
         else:
             assert found["settled"] > 0.75 and found["within"] > 0.95, found
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_law_and_companion_need_no_more_of_the_library_than_a_board_has(tmp_path):
+    (tmp_path / "on_board.cpp").write_text(
+        '#include "coax_vehicle.hpp"\n#include "Companion.hpp"\n'
+        "using namespace coaxlink;\n"
+        "template class coaxlink::ExactLaw<ARMS, UPPER_ORDER, LOWER_ORDER>;\n"
+        "template class coaxlink::Companion<ROTORS>;\n"
+    )
+    for name, text in module_files(board_law(X8), "tests").items():
+        if name.endswith(".hpp"):
+            (tmp_path / Path(name).name).write_text(text)
+    bare = ("-std=gnu++14", "-nostdinc++", f"-I{NUTTX}", f"-I{tmp_path}", "-fsyntax-only")
+    subprocess.run(["g++", *WARNINGS[1:], *bare, tmp_path / "on_board.cpp"], check=True)
 
 
 @pytest.fixture(scope="module")

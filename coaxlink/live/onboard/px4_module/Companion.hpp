@@ -89,7 +89,8 @@ public:
 			return;
 		}
 
-		share = std::fmin(1.f, share + dt / FADE_S);
+		share += dt / FADE_S;
+		share = share < 1.f ? share : 1.f;
 
 		for (int i = 0; i < ROTORS; i++) { speed[i] += share * (_speed[i] - speed[i]); }
 	}

@@ -13,7 +13,6 @@
 
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
 namespace coaxlink
 {
@@ -21,7 +20,7 @@ namespace coaxlink
 // Levels below which a number is rounding, by precision. In single precision the wrench of eight rotors is known to
 // some 1e-6 of the vehicle's authority, and no test may ask for more.
 template<typename Real> struct Levels {
-	static constexpr bool SINGLE = std::numeric_limits<Real>::digits < 30;
+	static constexpr bool SINGLE = sizeof(Real) == sizeof(float);
 	static constexpr Real BOUND = SINGLE ? Real(1e-6) : Real(1e-12);   // of full speed: at a bound
 	static constexpr Real PUSH = SINGLE ? Real(2e-6) : Real(1e-12);    // of the slopes it is the sum of
 	static constexpr Real TINY = SINGLE ? Real(1e-5) : Real(1e-9);     // pivot: the free rotors cannot move the axis
@@ -634,7 +633,7 @@ private:
 		int act_u = 0, act_l = 0;
 
 		if (!(u_lo <= du && du <= u_hi && l_lo <= dl && dl <= l_hi) || u_hi <= u_lo || l_hi <= l_lo) {
-			Real best = std::numeric_limits<Real>::max();
+			Real best = Real(3e38);
 
 			for (int edge = 0; edge < 4; edge++) {
 				Real u, l;
