@@ -17,9 +17,11 @@ from scipy.interpolate import CubicSpline
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.logs.flight import impossible_commands
+from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import DAMAGED, PREMISES, Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
+from coaxlink.residual.channels.rounded_commands import before_rounding
 from coaxlink.residual.channels.rounding_noise import rounding_noise
 from coaxlink.residual.channels.strapdown import smoothed_attitude, smoothed_height, smoothed_velocity
 from coaxlink.rotor import RotorModel
@@ -260,9 +262,10 @@ def _uniform(
             continue
         values = np.unwrap(values) if name in ("roll_rad", "yaw_rad") else values
         columns[name] = np.interp(grid, t[good], values[good])
-    commands = np.stack([columns.pop(m) for m in motors], axis=1)
-    columns["given"] = np.clip(commands, 0.0, 1.0)
-    columns["commands"] = airframe.turned(model, columns["given"])
+    columns["given"] = np.stack([columns.pop(m) for m in motors], axis=1)
+    steps = np.array([log.resolution.get(m, resolution_of(log[m])) for m in motors])
+    commands = np.clip(before_rounding(columns["given"], steps), 0.0, 1.0)
+    columns["commands"] = airframe.turned(model, commands)
     columns["speeds"] = lagged(columns["commands"], step, lag_s)
     for every in COARSER:
         # what runs smoothly is no error of fewer rows: a spline passes it
