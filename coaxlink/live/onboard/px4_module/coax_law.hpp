@@ -104,7 +104,7 @@ public:
 		for (int j = 0; j < 4; j++) { state.mu[LAST][j] = state.mu[WITHIN][j] = state.mu[BEYOND][j] = NEVER; }
 
 		state.smooth = 0;
-		_stage = NEAR;
+		_stage = CLOSE;
 		restart();
 	}
 
@@ -156,11 +156,11 @@ public:
 
 private:
 	// levels of the algorithm; the same as in solver.py
-	static constexpr Real CURVATURE = Real(0.05), STEP_DONE = Real(2e-3), SETTLING = Real(0.1), FAR = Real(4);
+	static constexpr Real CURVATURE = Real(0.05), STEP_DONE = Real(2e-3), SETTLING = Real(0.1), MOST_DEMAND = Real(4);
 	static constexpr Real JUMP = Real(0.02), CLEARLY = Real(1.5), NEVER = Real(1e9);
 	static constexpr int ROUNDS = 6, CLIMBS = 30, CUTS = 40, CORRECTIONS = 3, GRACE = 3, PERSIST = 60, STEPS = 6;
 	enum { LAST = 0, WITHIN = 1, BEYOND = 2 };  // what is remembered
-	enum { NEAR, MIDDLE, SURE, LAST_STEPS };    // of `optimum`
+	enum { CLOSE, MIDDLE, SURE, LAST_STEPS };    // of `optimum`
 	using L = Levels<Real>;
 
 	static Real clip(Real v, Real lo, Real hi) { return v < lo ? lo : (v > hi ? hi : v); }
@@ -171,7 +171,7 @@ private:
 
 	void begin(const Real demand[4])
 	{
-		for (int j = 0; j < 4; j++) { mu[j] = clip(demand[j], -FAR, FAR); }
+		for (int j = 0; j < 4; j++) { mu[j] = clip(demand[j], -MOST_DEMAND, MOST_DEMAND); }
 
 		work = steps = 0;
 		fell_back = false;
@@ -886,7 +886,7 @@ private:
 	{
 		const Real jump = away(LAST);
 
-		if (_stage != NEAR && jump < JUMP) {
+		if (_stage != CLOSE && jump < JUMP) {
 			state.smooth = 0;  // it goes on where it was cut short
 
 		} else if (jump < JUMP) {
@@ -908,7 +908,7 @@ private:
 			if (CLEARLY * away(other) < jump) { recall(other); }
 
 			state.smooth = 0;
-			_stage = NEAR;
+			_stage = CLOSE;
 		}
 
 		for (int j = 0; j < 4; j++) { state.mu[LAST][j] = mu[j]; }
@@ -934,7 +934,7 @@ private:
 	// What the budget cuts short goes on in the next call, at the stage where it stood.
 	bool optimum()
 	{
-		if (_stage == NEAR) {
+		if (_stage == CLOSE) {
 			if (settle(true)) { return true; }
 
 			_stage = MIDDLE;
@@ -972,7 +972,7 @@ private:
 
 	bool done()
 	{
-		_stage = NEAR;
+		_stage = CLOSE;
 		return true;
 	}
 
@@ -1015,7 +1015,7 @@ private:
 	const Numbers &_vehicle;
 	Real _lo[N] {}, _hi[N] {};
 	Real _power = 0, _radius = 0;
-	int _stage = NEAR, _left = 0;
+	int _stage = CLOSE, _left = 0;
 	Real _slope[N] {}, _jacobian[N][4] {}, _hessian[K][3] {};
 	Real _own[N] {}, _reply[N][4] {}, _step[N] {};
 	Real _schur[4][4] {}, _factor[4][4] {}, _right[4] {}, _dual[4] {};
