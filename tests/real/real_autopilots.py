@@ -153,20 +153,22 @@ def arducopter(
     params: Mapping[str, float],
     *options: str,
     speed: float = 3.0,
+    port: int = 0,
     second_port: int = 0,
     cut: bool = False,
     loss: Loss | None = None,
 ) -> Iterator[str]:
     """ArduCopter's SITL in `folder` on the JSON bridge; yields its first serial port's address.
 
-    A reboot it does by itself, in the same process. `options` are the bridge's. It speaks on `second_port`
-    of loopback too, if there is one. With `cut` it ends as when the plug is pulled: SIGKILL.
+    A reboot it does by itself, in the same process. `options` are the bridge's. It speaks to `port` of
+    loopback or one that is free, and on `second_port` too, if there is one. With `cut` it ends as when the
+    plug is pulled: SIGKILL.
     """
     defaults = folder / "defaults.parm"
     defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
-    link = free_port()
-    with losing_bridge("ardupilot", AIRFRAME, loss) if loss else bridge("ardupilot", *options) as port:
-        command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(port)]
+    link = port or free_port()
+    with losing_bridge("ardupilot", AIRFRAME, loss) if loss else bridge("ardupilot", *options) as world:
+        command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(world)]
         command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults)]
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
         second = f"udpclient:127.0.0.1:{second_port}" if second_port else "none"
