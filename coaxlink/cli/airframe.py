@@ -76,7 +76,7 @@ def report(
         out.print(f"{finding.severity}: {finding}", markup=False)
     if not findings:
         against = f", and {board.source} has the same rotors" if board and differs else ""
-        out.print(f"nothing to mend: lengths, pairs, spins, balance and inertia fit{against}", markup=False)
+        out.print(f"nothing to mend: {_checked(frame)}{against}", markup=False)
     if model is None:
         say("no rotor model given: thrust against weight was not checked")
     if picture:
@@ -107,6 +107,16 @@ def report(
         }
         files.write_json(json_file, document)
     return findings
+
+
+def _checked(frame: Airframe) -> str:
+    """What was looked at: an inertia that was made from these same lengths bears no witness."""
+    from coaxlink.premises.moves import UNKNOWN
+
+    source = frame.source_of("inertia_kg_m2")
+    if source in UNKNOWN:
+        return f"lengths, pairs, spins and balance fit; the inertia is {source}, which checks nothing"
+    return "lengths, pairs, spins, balance and inertia fit"
 
 
 def register(app: typer.Typer) -> None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -14,6 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.cli.mix import _line
 from coaxlink.cli.shared.coax_firmware import coax_firmware
 from coaxlink.errors import CheckFailed, SafetyRefusal
+from coaxlink.live import onboard
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.onboard import card
 from coaxlink.live.onboard.description import board_law
@@ -95,6 +100,25 @@ def test_a_faulty_companion_is_out_within_its_time(flight: ModuleFlight, fault: 
     grown = {name for name, count in refused(flight).items() if count > before[name]}
     assert grown == ({counted} if counted else set())
     assert flight.outputs_are_sound()
+
+
+@slow
+def test_the_least_time_out_bears_a_lost_demand(flight: ModuleFlight) -> None:
+    companion, _ = flown(flight)
+    text = (resources.files(onboard) / "px4_module" / "module.yaml").read_text()
+    least_ms = int(re.findall(r"min: (\d+)", text)[0])
+    module, sent = flight.autopilot.module, itertools.count()
+    built = module.built
+    try:
+        module.built = replace(built, timeout_s=least_ms / 1e3)
+        companion.line.late_s = 0.002
+        companion.line.steal = lambda data: next(sent) % 10 == 0
+        flight.fly(0.5)
+        before = module.handed_back
+        flight.fly(1.0)
+    finally:
+        module.built = built
+    assert next(sent) > 300 and module.handed_back == before and module.share == 1.0
 
 
 def spoil(companion: Companion, fault: str) -> None:

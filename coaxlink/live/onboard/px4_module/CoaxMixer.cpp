@@ -75,7 +75,8 @@ void CoaxMixer::read_parameters()
 	_curve = curve > 1e-6f && curve <= 1.f ? curve : 0.f;
 	_follow = whole("COAX_COMP", 1) != 0;
 	const int32_t longest = whole("COAX_TIMEOUT", 20);
-	_companion.longest_us = 1000U * static_cast<uint32_t>(longest < 5 ? 5 : (longest > 100 ? 100 : longest));
+	// as module.yaml says: below two demands and a round trip a companion is handed back again and again
+	_companion.longest_us = 1000U * static_cast<uint32_t>(longest < 10 ? 10 : (longest > 100 ? 100 : longest));
 	_system = whole("MAV_SYS_ID", 1);
 	_handle_failures = whole("CA_FAILURE_MODE", 0) > 0;
 }
