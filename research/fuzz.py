@@ -40,9 +40,9 @@ def main() -> None:
     parser.add_argument("--what", choices=("readers", "verbs"), help="by default both, verbs thrice as often")
     parser.add_argument("--only", default="", metavar="NAME", help="only those whose name begins so")
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--small", action="store_true", help="two hundred files")
+    parser.add_argument("--small", action="store_true", help="fifty files")
     o = parser.parse_args()
-    o.files = 200 if o.small else o.files
+    o.files = 50 if o.small else o.files
     outcomes: list[Outcome] = []
     end = time.monotonic() + o.seconds
     with tempfile.TemporaryDirectory() as scratch:

@@ -28,8 +28,8 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_xdist_auto_num_workers():
-    """Four at a time, for most of a test is waiting for a board; two where others use the processors."""
-    return 4 if psutil.cpu_percent(interval=1.0) < 50.0 else 2
+    """One more than processors, for some tests wait; two where others compute. Each imports for 10 s."""
+    return 3 if psutil.cpu_percent(interval=1.0) < 50.0 else 2
 
 
 @pytest.fixture(autouse=True)
