@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
@@ -92,27 +93,31 @@ def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path: Path) -> None:
         load_airframe(tmp_path / "half.toml")
 
 
-@pytest.mark.parametrize(
-    ("rotors", "says"),
-    [
-        ([single(1, [0, 1, 0]), single(2, [0, 1, 0])], "rotors"),
-        ([single(1, [0, 1, 0]), single(2, [0, 1, 0]), single(2, [1, 0, 0])], "numbers must run from 1 to 3"),
-        ([single(k, [0, k, 0], more="axis = [0.0, 0.0, 0.0]") for k in (1, 2, 3)], "zero length"),
-        ([single(k, [0, k, 0], more="pair = 1") for k in (1, 2, 3)], "a single rotor has no pair"),
-        ([single(k, [0, k, 0], spin="left") for k in (1, 2, 3)], "spin"),
-        (
-            [ROTOR.format(number=k, position=[0, k, 0], spin="cw", level="upper", more="pair = 1")
-             for k in (1, 2, 3)],
-            "expected the lower rotor that names 1 as its pair",
-        ),
-    ],
-)  # fmt: skip
-def test_a_bad_file_gets_one_line_that_names_the_key(tmp_path: Path, rotors: list[str], says: str) -> None:
-    path = write(tmp_path, *rotors)
-    with pytest.raises(InputError, match=says) as caught:
-        load_airframe(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_a_bad_file_gets_one_line_that_names_the_key(tmp_path: Path) -> None:
+    with case_table() as case:
+        for rotors, says in (
+            ([single(1, [0, 1, 0]), single(2, [0, 1, 0])], "rotors"),
+            (
+                [single(1, [0, 1, 0]), single(2, [0, 1, 0]), single(2, [1, 0, 0])],
+                "numbers must run from 1 to 3",
+            ),
+            ([single(k, [0, k, 0], more="axis = [0.0, 0.0, 0.0]") for k in (1, 2, 3)], "zero length"),
+            ([single(k, [0, k, 0], more="pair = 1") for k in (1, 2, 3)], "a single rotor has no pair"),
+            ([single(k, [0, k, 0], spin="left") for k in (1, 2, 3)], "spin"),
+            (
+                [
+                    ROTOR.format(number=k, position=[0, k, 0], spin="cw", level="upper", more="pair = 1")
+                    for k in (1, 2, 3)
+                ],
+                "expected the lower rotor that names 1 as its pair",
+            ),
+        ):
+            with case(f"{rotors}, {says}"):
+                path = write(tmp_path, *rotors)
+                with pytest.raises(InputError, match=says) as caught:
+                    load_airframe(path)
+                assert str(path) in str(caught.value)
+                assert "\n" not in str(caught.value)
 
 
 def test_a_message_names_a_rotor_by_its_number_in_whatever_order_the_tables_stand(tmp_path):

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 
 import coaxlink as cx
 from coaxlink.files import example
@@ -63,11 +64,13 @@ def test_a_path_does_where_a_vehicle_is_expected():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("room", ROOMS)
-def test_examples_of_docstrings(room):
-    failed, tried = doctest.testmod(importlib.import_module(room))
-    assert failed == 0
-    assert tried or room == "coaxlink.vehicle"
+def test_examples_of_docstrings():
+    with case_table() as case:
+        for room in ROOMS:
+            with case(f"{room}"):
+                failed, tried = doctest.testmod(importlib.import_module(room))
+                assert failed == 0
+                assert tried or room == "coaxlink.vehicle"
 
 
 @pytest.mark.slow

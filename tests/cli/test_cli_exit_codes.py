@@ -11,7 +11,8 @@ import resource
 from pathlib import Path
 
 import pytest
-from cli_board import VERBS, backup, held, no, run
+from case_table import case_table
+from cli_board import VERBS, backup, boarded, held, no, run
 from px4_board import params_text
 from pymavlink.dialects.v20 import common as m
 from scripted_autopilot import INT32
@@ -86,17 +87,18 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_upload_refuses_before_it_writes(board, capsys, case):
-    prepare, text = REFUSED[case]
-    board.params["SYS_CTRL_ALLOC"] = (0, INT32)
-    prepare(board)
-    before = held(board)
-    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
-    assert code == 4
-    no(err, text)
-    assert json.loads(Path("u.json").read_text())["result"] == "refused"
-    assert board.sets == [] and held(board) == before and not Path("backups").exists()
+def test_upload_refuses_before_it_writes(capsys, tmp_path):
+    with case_table() as case:
+        for name, (prepare, text) in REFUSED.items():
+            with case(name), boarded(tmp_path / name) as board:
+                board.params["SYS_CTRL_ALLOC"] = (0, INT32)
+                prepare(board)
+                before = held(board)
+                code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+                assert code == 4
+                no(err, text)
+                assert json.loads(Path("u.json").read_text())["result"] == "refused"
+                assert board.sets == [] and held(board) == before and not Path("backups").exists()
 
 
 @pytest.mark.parametrize(
@@ -214,17 +216,18 @@ EDITS = {
 }
 
 
-@pytest.mark.parametrize("case", EDITS)
-def test_a_backup_that_a_hand_was_in(board, capsys, case):
-    edit, code, text = EDITS[case]
-    path = backup(board, capsys)
-    edited = edit(path.read_text())
-    path.write_bytes(edited if isinstance(edited, bytes) else edited.encode())
-    board.sets, before = [], held(board)
-    got, _, err = run(capsys, "restore", path, "--connect", board.url, "--yes")
-    assert got == code
-    no(err, text)
-    assert board.sets == [] and held(board) == before
+def test_a_backup_that_a_hand_was_in(capsys, tmp_path):
+    with case_table() as case:
+        for name, (edit, code, text) in EDITS.items():
+            with case(name), boarded(tmp_path / name) as board:
+                path = backup(board, capsys)
+                edited = edit(path.read_text())
+                path.write_bytes(edited if isinstance(edited, bytes) else edited.encode())
+                board.sets, before = [], held(board)
+                got, _, err = run(capsys, "restore", path, "--connect", board.url, "--yes")
+                assert got == code
+                no(err, text)
+                assert board.sets == [] and held(board) == before
 
 
 def test_an_owners_own_file_goes_back_as_far_as_it_is_of_a_table(board, capsys):

@@ -3,7 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
+from case_table import case_table
 
 from coaxlink.cli.shared.next import (
     after_compare,
@@ -42,25 +42,26 @@ def test_a_weak_rotor_calls_for_a_screwdriver_not_for_a_table():
     assert line == "next: ground it, change its propeller or motor, fly the check again"
 
 
-@pytest.mark.parametrize(
-    ("found", "said"),
-    [
-        (answer(), "nothing to mend"),
-        (answer(suspect_data=[SimpleNamespace(column="rpm3")]), "rpm3"),
-        (
-            answer(ambiguous=[SimpleNamespace(names=("a", "b"), experiment=None, separate_by="warm motors")]),
-            "warm motors",
-        ),
-        (
-            answer(ambiguous=[SimpleNamespace(names=("a", "b"), experiment=object(), separate_by="")]),
-            "--plan PLAN.toml writes the run that separates a from b",
-        ),
-        (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
-    ],
-)
-def test_other_answers(found, said):
-    line = after_refine(found, None, True)
-    assert said in line and "\n" not in line
+def test_other_answers():
+    with case_table() as case:
+        for found, said in (
+            (answer(), "nothing to mend"),
+            (answer(suspect_data=[SimpleNamespace(column="rpm3")]), "rpm3"),
+            (
+                answer(
+                    ambiguous=[SimpleNamespace(names=("a", "b"), experiment=None, separate_by="warm motors")]
+                ),
+                "warm motors",
+            ),
+            (
+                answer(ambiguous=[SimpleNamespace(names=("a", "b"), experiment=object(), separate_by="")]),
+                "--plan PLAN.toml writes the run that separates a from b",
+            ),
+            (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
+        ):
+            with case(f"{found}, {said}"):
+                line = after_refine(found, None, True)
+                assert said in line and "\n" not in line
 
 
 def test_every_effect_can_be_put_into_a_table_or_says_why_not():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from case_table import case_table
 
 import coaxlink
 from coaxlink.cli import build_app
@@ -75,15 +76,16 @@ def test_every_option_in_the_table_is_one_of_a_verb():
     assert {o for text in OPTIONS.values() for o in re.findall(r"--[a-z-]+", text)} <= known
 
 
-@pytest.mark.parametrize(
-    ("said", "shown"),
-    [
-        ("`upper`: rotor numbers are expected", "--upper: rotor numbers are expected"),
-        ("a map states it (`columns`): x", "a map states it (--columns MAP.toml): x"),
-        ("or `restore` my backups/b 1.json over udpin:127.0.0.1:14550",
-         "or coaxlink restore my backups/b 1.json --connect udpin:127.0.0.1:14550"),
-        ("column `speed` of their file", "column `speed` of their file"),
-    ],
-)  # fmt: skip
-def test_a_verb_says_it_in_its_own_words(said, shown):
-    assert by_option(said) == shown
+def test_a_verb_says_it_in_its_own_words():
+    with case_table() as case:
+        for said, shown in (
+            ("`upper`: rotor numbers are expected", "--upper: rotor numbers are expected"),
+            ("a map states it (`columns`): x", "a map states it (--columns MAP.toml): x"),
+            (
+                "or `restore` my backups/b 1.json over udpin:127.0.0.1:14550",
+                "or coaxlink restore my backups/b 1.json --connect udpin:127.0.0.1:14550",
+            ),
+            ("column `speed` of their file", "column `speed` of their file"),
+        ):
+            with case(f"{said}, {shown}"):
+                assert by_option(said) == shown

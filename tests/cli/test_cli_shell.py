@@ -31,19 +31,22 @@ def shell(error):
     return app
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "line"),
-    [
-        (CheckFailed("2 parameters differ"), 1, "coaxlink: 2 parameters differ"),
-        (InputError("a.csv", "line 3", "a number expected"), 2, "coaxlink: a.csv: line 3: a number expected"),
-        (LinkError("udpin:0.0.0.0:1", "no heartbeat"), 3, "coaxlink: udpin:0.0.0.0:1: no heartbeat"),
-        (SafetyRefusal("armed"), 4, "coaxlink: refused: armed"),
-        (KeyboardInterrupt(), 130, "coaxlink: interrupted"),
-    ],
-)
-def test_errors_become_one_line_and_an_exit_code(capsys, error, code, line):
-    assert run(shell(error), ["fail"]) == code
-    assert capsys.readouterr().err == line + "\n"
+def test_errors_become_one_line_and_an_exit_code(capsys):
+    with case_table() as case:
+        for error, code, line in (
+            (CheckFailed("2 parameters differ"), 1, "coaxlink: 2 parameters differ"),
+            (
+                InputError("a.csv", "line 3", "a number expected"),
+                2,
+                "coaxlink: a.csv: line 3: a number expected",
+            ),
+            (LinkError("udpin:0.0.0.0:1", "no heartbeat"), 3, "coaxlink: udpin:0.0.0.0:1: no heartbeat"),
+            (SafetyRefusal("armed"), 4, "coaxlink: refused: armed"),
+            (KeyboardInterrupt(), 130, "coaxlink: interrupted"),
+        ):
+            with case(f"{error}, {code}, {line}"):
+                assert run(shell(error), ["fail"]) == code
+                assert capsys.readouterr().err == line + "\n"
 
 
 @pytest.mark.parametrize("arguments", [["fail", "--number", "x"], ["nonsense"], ["fail", "--no-such"]])

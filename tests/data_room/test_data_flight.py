@@ -184,19 +184,23 @@ def test_esc_batches_that_repeat_the_first_four_are_left_out(tmp_path: Path) -> 
 @pytest.mark.slow
 @needs_shared
 @pytest.mark.shared_data
-@pytest.mark.parametrize(
-    "name, rows", [("px4_null_fitted.ulg", 13000), ("px4_rotor_drag.ulg", 15000), ("ap_null.bin", 5500)]
-)
-def test_real_flights_carry_their_weight(name: str, rows: int) -> None:
+def test_real_flights_carry_their_weight() -> None:
     """With the plant's own rotors the mean thrust carries 20 kg."""
-    log = read_flight_log(SHARED / "flights" / name)
-    assert log.rows > rows
-    x8 = load_airframe(example("x8_paper.toml"))
-    speeds = np.stack([log[f"motor{n}"] for n in range(1, 9)], axis=1)
-    thrust = x8.loads(load_rotor_model(example("rotor_paper.toml")), speeds)[0].sum(axis=1)
-    flying, force = (log["landed"] == 0) & (log["height_m"] > 1), -20 * log["accel_z_m_s2"]
-    assert abs(np.mean((thrust - force)[flying])) < 1.0
-    assert np.corrcoef(thrust[flying], force[flying])[0, 1] > 0.9
+    with case_table() as case:
+        for name, rows in (
+            ("px4_null_fitted.ulg", 13000),
+            ("px4_rotor_drag.ulg", 15000),
+            ("ap_null.bin", 5500),
+        ):
+            with case(f"{name}, {rows}"):
+                log = read_flight_log(SHARED / "flights" / name)
+                assert log.rows > rows
+                x8 = load_airframe(example("x8_paper.toml"))
+                speeds = np.stack([log[f"motor{n}"] for n in range(1, 9)], axis=1)
+                thrust = x8.loads(load_rotor_model(example("rotor_paper.toml")), speeds)[0].sum(axis=1)
+                flying, force = (log["landed"] == 0) & (log["height_m"] > 1), -20 * log["accel_z_m_s2"]
+                assert abs(np.mean((thrust - force)[flying])) < 1.0
+                assert np.corrcoef(thrust[flying], force[flying])[0, 1] > 0.9
 
 
 @pytest.mark.slow

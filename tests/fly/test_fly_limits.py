@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.errors import InputError
 from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
 from coaxlink.fly.plans import NAMED, peaks, plan_of
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_named_plans_are_smooth_and_our_own_end_where_they_began(name):
-    plan = plan_of(name, 4.0, 2.0)
-    times = np.arange(0.0, plan.duration_s, 0.02)
-    place = np.array([plan.at(float(t))[1].position_m for t in times])
-    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / 0.02
-    assert speed.max() < 3.0  # no set-point jumps
-    if name != "paper":  # which ends on its circle
-        assert np.allclose(place[0], place[-1], atol=0.02)
-    assert plan_faults(plan, FlightLimits()) == []
+def test_named_plans_are_smooth_and_our_own_end_where_they_began():
+    with case_table() as case:
+        for name in NAMED:
+            with case(f"{name}"):
+                plan = plan_of(name, 4.0, 2.0)
+                times = np.arange(0.0, plan.duration_s, 0.02)
+                place = np.array([plan.at(float(t))[1].position_m for t in times])
+                speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / 0.02
+                assert speed.max() < 3.0  # no set-point jumps
+                if name != "paper":  # which ends on its circle
+                    assert np.allclose(place[0], place[-1], atol=0.02)
+                assert plan_faults(plan, FlightLimits()) == []
 
 
 def test_a_plan_beyond_a_limit_is_named():

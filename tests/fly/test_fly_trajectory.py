@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Swing, paper_flight, planned_flight
 
@@ -17,15 +18,17 @@ SEGMENTS = [
 ]
 
 
-@pytest.mark.parametrize("segment", SEGMENTS, ids=lambda s: s.name)
-def test_velocity_and_acceleration_are_the_derivatives(segment):
-    h = 1e-4
-    for t in np.linspace(2 * h, segment.duration_s - 2 * h, 37):
-        before, here, after = (segment.at(x) for x in (t - h, t, t + h))
-        slope = (np.array(after.position_m) - before.position_m) / (2 * h)
-        bend = (np.array(after.velocity_m_s) - before.velocity_m_s) / (2 * h)
-        np.testing.assert_allclose(here.velocity_m_s, slope, atol=1e-5)
-        np.testing.assert_allclose(here.acceleration_m_s2, bend, atol=5e-3)
+def test_velocity_and_acceleration_are_the_derivatives():
+    with case_table() as case:
+        for segment in SEGMENTS:
+            with case(f"{segment}"):
+                h = 1e-4
+                for t in np.linspace(2 * h, segment.duration_s - 2 * h, 37):
+                    before, here, after = (segment.at(x) for x in (t - h, t, t + h))
+                    slope = (np.array(after.position_m) - before.position_m) / (2 * h)
+                    bend = (np.array(after.velocity_m_s) - before.velocity_m_s) / (2 * h)
+                    np.testing.assert_allclose(here.velocity_m_s, slope, atol=1e-5)
+                    np.testing.assert_allclose(here.acceleration_m_s2, bend, atol=5e-3)
 
 
 def test_a_circle_makes_whole_laps_of_its_radius_and_period():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.files import example
 from coaxlink.health.sequential import CALL, SequentialTest, fault_shapes, log_normal
@@ -55,25 +56,38 @@ def told(vehicle, log, test=None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rotor", "law"), [(2, "share"), (5, "tip"), (6, "weak_motor")])
-def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown, rotor, law):
-    vehicle, fly = flown
-    fault = HiddenEffect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(rotor)}, law)
-    verdicts = told(vehicle, fly(fault))
-    called = next(v for v in verdicts if v.called)
-    assert called.called.rotor == rotor and called.called.probability >= CALL
-    assert 0.0 < called.time_s - ONSET_S < 2.0
-    later = [v for v in verdicts if called.time_s + 0.8 < v.time_s < called.time_s + 1.2]
-    sizes = [x.loss for v in later for x in v.suspicions if x.rotor == rotor]
-    assert sizes and 0.05 < np.median(sizes) < 0.15  # the first blocks hold a part of it
-    assert all(v.word in ("not known yet", "sound") for v in verdicts if v.time_s < ONSET_S)
+def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown):
+    with case_table() as case:
+        for rotor, law in (
+            (2, "share"),
+            (5, "tip"),
+            (6, "weak_motor"),
+        ):
+            with case(f"{rotor}, {law}"):
+                vehicle, fly = flown
+                fault = HiddenEffect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(rotor)}, law)
+                verdicts = told(vehicle, fly(fault))
+                called = next(v for v in verdicts if v.called)
+                assert called.called.rotor == rotor and called.called.probability >= CALL
+                assert 0.0 < called.time_s - ONSET_S < 2.0
+                later = [v for v in verdicts if called.time_s + 0.8 < v.time_s < called.time_s + 1.2]
+                sizes = [x.loss for v in later for x in v.suspicions if x.rotor == rotor]
+                assert sizes and 0.05 < np.median(sizes) < 0.15  # the first blocks hold a part of it
+                assert all(v.word in ("not known yet", "sound") for v in verdicts if v.time_s < ONSET_S)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plan", ["hover", "circle", "wander", "steps"])
-def test_sound_flights_in_wind_and_sag_call_nobody(flown, plan):
-    vehicle, fly = flown
-    assert not [v for v in told(vehicle, fly(plan=plan)) if v.called]
+def test_sound_flights_in_wind_and_sag_call_nobody(flown):
+    with case_table() as case:
+        for plan in (
+            "hover",
+            "circle",
+            "wander",
+            "steps",
+        ):
+            with case(f"{plan}"):
+                vehicle, fly = flown
+                assert not [v for v in told(vehicle, fly(plan=plan)) if v.called]
 
 
 def test_a_sudden_push_that_is_no_rotors_is_none(flown):

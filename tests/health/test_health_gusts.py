@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.data import read_flight_log
 from coaxlink.files import example
@@ -102,14 +103,20 @@ def test_the_last_digit_of_a_command_is_not_seen_in_the_torques(windy):
     assert apart(seen[1]) < 0.3 * apart(raw[1])
 
 
-@pytest.mark.parametrize("zero", [0.0, 0.08, -0.08])
-def test_the_accelerometers_zero_is_read_from_the_velocity(windy, zero):
-    vehicle, logs = windy
-    frame = flight_frame([logs[0]], vehicle.declared, vehicle.rotors)
-    force = frame.specific_force + np.array([0.0, 0.0, zero])
-    found, sd = vertical_zero(replace(frame, specific_force=force))
-    assert sd < 0.01
-    assert found == pytest.approx(zero, abs=3.0 * sd)
+def test_the_accelerometers_zero_is_read_from_the_velocity(windy):
+    with case_table() as case:
+        for zero in (
+            0.0,
+            0.08,
+            -0.08,
+        ):
+            with case(f"{zero}"):
+                vehicle, logs = windy
+                frame = flight_frame([logs[0]], vehicle.declared, vehicle.rotors)
+                force = frame.specific_force + np.array([0.0, 0.0, zero])
+                found, sd = vertical_zero(replace(frame, specific_force=force))
+                assert sd < 0.01
+                assert found == pytest.approx(zero, abs=3.0 * sd)
 
 
 def test_an_accelerometer_that_is_at_odds_with_the_velocity_says_nothing(windy):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from case_table import case_table
 from scipy.signal import butter, sosfiltfilt
 
 from coaxlink.health.columns import Flight, louder, passing_events
@@ -93,16 +94,22 @@ def test_sound_flights_are_sound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rotor", [0, 3, 6])
-def test_a_rotor_that_lost_a_tenth_is_named_with_the_flight_and_the_size(rotor):
-    rng = np.random.default_rng(2 + rotor)
-    found = health(flight(rng), flight(rng), flight(rng, (rotor, 0.1, 0.07)))
-    assert found.verdict == "ground it" and found.probability > 0.9
-    first = found.suspects[0]
-    assert (first.number, first.since) == (rotor + 1, "flight 3")
-    assert first.loss.low < 0.1 < first.loss.high and first.loss.high - first.loss.low < 0.1
-    share = found.flights[2].rotors[rotor].thrust
-    assert share.low < 0.9 + 0.1 / 8 < share.high
+def test_a_rotor_that_lost_a_tenth_is_named_with_the_flight_and_the_size():
+    with case_table() as case:
+        for rotor in (
+            0,
+            3,
+            6,
+        ):
+            with case(f"{rotor}"):
+                rng = np.random.default_rng(2 + rotor)
+                found = health(flight(rng), flight(rng), flight(rng, (rotor, 0.1, 0.07)))
+                assert found.verdict == "ground it" and found.probability > 0.9
+                first = found.suspects[0]
+                assert (first.number, first.since) == (rotor + 1, "flight 3")
+                assert first.loss.low < 0.1 < first.loss.high and first.loss.high - first.loss.low < 0.1
+                share = found.flights[2].rotors[rotor].thrust
+                assert share.low < 0.9 + 0.1 / 8 < share.high
 
 
 def test_a_payload_that_moved_is_no_rotor():
@@ -145,20 +152,30 @@ def since(start_s, over_s=0.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rotor", "torque"), [(1, 0.85), (4, 0.85), (2, -0.8), (7, -0.8)])
-def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
-    rng = np.random.default_rng(20 + rotor)
-    found = health(flight(rng, (rotor, 0.12, 0.12 * torque), time_profile=since(23.4)))
-    first = found.suspects[0]
-    assert found.verdict == "ground it" and first.number == rotor + 1
-    assert first.onset_s.low <= 123.4 <= first.onset_s.high < first.onset_s.low + 1.5
-    assert first.loss.low < 0.12 < first.loss.high
-    assert not first.gradual
-    assert first.kind == ("a blade that lost a part" if torque > 0 else "a rough blade")
-    for r in found.flights[0].rotors:  # at its end; 0.02 is what the mean of all takes from each
-        truth = 1.0 - 0.12 * (r.number == rotor + 1)
-        assert abs(r.thrust.value - truth) < r.thrust.high - r.thrust.value + 0.02, r
-    assert "rotor" in found.as_json()["suspects"][0] and found.as_json()["suspects"][0]["onset_s"][0] > 123
+def test_a_loss_within_a_flight_is_named_with_its_time():
+    with case_table() as case:
+        for rotor, torque in (
+            (1, 0.85),
+            (4, 0.85),
+            (2, -0.8),
+            (7, -0.8),
+        ):
+            with case(f"{rotor}, {torque}"):
+                rng = np.random.default_rng(20 + rotor)
+                found = health(flight(rng, (rotor, 0.12, 0.12 * torque), time_profile=since(23.4)))
+                first = found.suspects[0]
+                assert found.verdict == "ground it" and first.number == rotor + 1
+                assert first.onset_s.low <= 123.4 <= first.onset_s.high < first.onset_s.low + 1.5
+                assert first.loss.low < 0.12 < first.loss.high
+                assert not first.gradual
+                assert first.kind == ("a blade that lost a part" if torque > 0 else "a rough blade")
+                for r in found.flights[0].rotors:  # at its end; 0.02 is what the mean of all takes from each
+                    truth = 1.0 - 0.12 * (r.number == rotor + 1)
+                    assert abs(r.thrust.value - truth) < r.thrust.high - r.thrust.value + 0.02, r
+                assert (
+                    "rotor" in found.as_json()["suspects"][0]
+                    and found.as_json()["suspects"][0]["onset_s"][0] > 123
+                )
 
 
 @pytest.mark.slow

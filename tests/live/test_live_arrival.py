@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from case_table import case_table
 from hypothesis import given
 from hypothesis import strategies as st
 from live_line import Session
@@ -37,17 +38,23 @@ def test_a_count_that_begins_anew_or_is_none_adds_nothing() -> None:
     assert count.total == 40 + 30 + 2
 
 
-@pytest.mark.parametrize("lost", [0.0, 0.05, 0.8])
-def test_what_the_bridge_counted_is_what_arrived(lost: float) -> None:
-    draw, taken, arrived = random.Random(3), Count(65536), 0
-    taken.hear(0.0)
-    for _ in range(5000):
-        arrived += draw.random() >= lost
-        taken.hear(float(arrived))
-    found = arrival.by_bridge(5000, taken, True)
-    assert found is not None
-    assert abs(found.never - (5000 - arrived)) <= arrival.IN_FLIGHT
-    assert found.noteworthy is (lost > 0.1)
+def test_what_the_bridge_counted_is_what_arrived() -> None:
+    with case_table() as case:
+        for lost in (
+            0.0,
+            0.05,
+            0.8,
+        ):
+            with case(f"{lost}"):
+                draw, taken, arrived = random.Random(3), Count(65536), 0
+                taken.hear(0.0)
+                for _ in range(5000):
+                    arrived += draw.random() >= lost
+                    taken.hear(float(arrived))
+                found = arrival.by_bridge(5000, taken, True)
+                assert found is not None
+                assert abs(found.never - (5000 - arrived)) <= arrival.IN_FLIGHT
+                assert found.noteworthy is (lost > 0.1)
 
 
 def test_an_older_script_that_follows_but_does_not_count_says_nothing() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from case_table import case_table
 from live_line import HOVER, Session, mixer_on
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -47,23 +48,29 @@ class Rhythm:
         return answered
 
 
-@pytest.mark.parametrize("stopped_s", [0.3, 3.0, 30.0])
-def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited(stopped_s: float) -> None:
-    rhythm = Rhythm()
-    # the first comes before the vehicle's clock is known, two settle
-    assert rhythm.fly(200) == 197 and rhythm.mixer.state == "live"
-    rhythm.session.clock.sleep(stopped_s)
-    # the kernel kept the first quarter of a second of what came, in order
-    frames = rhythm.waiting(60)
-    rhythm.stamp += round(1e6 * (stopped_s - 60 * PERIOD_S))
-    assert rhythm.take(frames) == []
-    assert [rhythm.fly(1) for _ in range(4)] == [0, 0, 1, 1]
-    assert rhythm.mixer.state == "fading" and rhythm.session.sent[-1].time_usec == rhythm.stamp
-    assert rhythm.fly(100) == 100 and rhythm.mixer.state == "live"
-    summary = rhythm.mixer.summary()
-    assert summary["stalls"] == {"count": 1, "longest_s": pytest.approx(stopped_s, abs=0.01)}
-    assert (summary["unanswered"]["superseded"], summary["unanswered"]["stale"]) == (59, 1)
-    assert not rhythm.mixer.failed.is_set()
+def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited() -> None:
+    with case_table() as case:
+        for stopped_s in (
+            0.3,
+            3.0,
+            30.0,
+        ):
+            with case(f"{stopped_s}"):
+                rhythm = Rhythm()
+                # the first comes before the vehicle's clock is known, two settle
+                assert rhythm.fly(200) == 197 and rhythm.mixer.state == "live"
+                rhythm.session.clock.sleep(stopped_s)
+                # the kernel kept the first quarter of a second of what came, in order
+                frames = rhythm.waiting(60)
+                rhythm.stamp += round(1e6 * (stopped_s - 60 * PERIOD_S))
+                assert rhythm.take(frames) == []
+                assert [rhythm.fly(1) for _ in range(4)] == [0, 0, 1, 1]
+                assert rhythm.mixer.state == "fading" and rhythm.session.sent[-1].time_usec == rhythm.stamp
+                assert rhythm.fly(100) == 100 and rhythm.mixer.state == "live"
+                summary = rhythm.mixer.summary()
+                assert summary["stalls"] == {"count": 1, "longest_s": pytest.approx(stopped_s, abs=0.01)}
+                assert (summary["unanswered"]["superseded"], summary["unanswered"]["stale"]) == (59, 1)
+                assert not rhythm.mixer.failed.is_set()
 
 
 def test_a_demand_that_is_fresh_after_a_stop_counts_though_older_ones_waited() -> None:

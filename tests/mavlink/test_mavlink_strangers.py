@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 
 import pytest
+from case_table import case_table
 from memory_net import Line, Net, meet
 from px4_board import params_text, x8
 from pymavlink.dialects.v20 import common as m
@@ -133,19 +134,22 @@ def test_a_board_that_restarts_twice_quickly_is_one_that_came_back():
             confirm(session)
 
 
-@pytest.mark.parametrize(
-    ("first", "then"), [(0xC0A1, 0xC0A2), (0, 0), (0x4954414C44494E4F, 0x4954414C44494E4F)]
-)
-def test_another_board_or_one_without_a_name_of_its_own_is_not_followed(first, then):
-    with listening(uid=first) as (session, board):
-        board.close()
-        with second(board, uid=then) as other:
-            until(session, lambda: any(s.answers for s in session.bound.strangers))
-            session.clock.sleep(2 * strangers.LOST_S)
-            assert session.bound.peer == board.address
-            with pytest.raises(LinkError):
-                Parameters(session).write("CA_ROTOR0_CT", 7.0, 9)
-            assert other.sets == []
+def test_another_board_or_one_without_a_name_of_its_own_is_not_followed():
+    with case_table() as case:
+        for first, then in (
+            (0xC0A1, 0xC0A2),
+            (0, 0),
+            (0x4954414C44494E4F, 0x4954414C44494E4F),
+        ):
+            with case(f"{first}, {then}"), listening(uid=first) as (session, board):
+                board.close()
+                with second(board, uid=then) as other:
+                    until(session, lambda: any(s.answers for s in session.bound.strangers))
+                    session.clock.sleep(2 * strangers.LOST_S)
+                    assert session.bound.peer == board.address
+                    with pytest.raises(LinkError):
+                        Parameters(session).write("CA_ROTOR0_CT", 7.0, 9)
+                    assert other.sets == []
 
 
 def test_a_uid_says_whether_it_is_a_boards_own():

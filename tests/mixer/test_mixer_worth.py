@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer.fitted import envelope
@@ -130,53 +131,63 @@ def test_gains_and_their_span_are_those_of_finite_differences(name: str):
     assert row.lift_exponent == pytest.approx(loads[2][0] * hover / WEIGHT, rel=2e-3)
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_power_and_ceiling_are_the_rotor_files_own(name: str):
-    row, mix = _row(name), _table(name)[0]
-    hover = _hover(name)
-    level = _commands(name, _setpoints(name, [hover, 0, 0, 0]))
-    assert row.hover_W == pytest.approx(_wrench(level)[1], rel=1e-4)
-    # desaturation keeps the ratio of the columns: the first rotor at full speed ends it
-    full = mix[:, 0] / mix[:, 0].max()
-    assert row.ceiling_N == pytest.approx(_wrench(_commands(name, full))[0][0], rel=1e-4)
-    assert row.minutes(700.0, 0.8) == pytest.approx(60.0 * 700.0 * 0.8 / row.hover_W)
+def test_power_and_ceiling_are_the_rotor_files_own():
+    with case_table() as case:
+        for name in LAWS:
+            with case(f"{name}"):
+                row, mix = _row(name), _table(name)[0]
+                hover = _hover(name)
+                level = _commands(name, _setpoints(name, [hover, 0, 0, 0]))
+                assert row.hover_W == pytest.approx(_wrench(level)[1], rel=1e-4)
+                # desaturation keeps the ratio of the columns: the first rotor at full speed ends it
+                full = mix[:, 0] / mix[:, 0].max()
+                assert row.ceiling_N == pytest.approx(_wrench(_commands(name, full))[0][0], rel=1e-4)
+                assert row.minutes(700.0, 0.8) == pytest.approx(60.0 * 700.0 * 0.8 / row.hover_W)
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_the_first_rotor_at_its_bound_is_the_one_of_a_fine_grid(name: str):
-    hover = _hover(name)
-    base = _setpoints(name, [hover, 0, 0, 0])
-    for axis in (1, 2, 3):
-        turn, found = _table(name)[0][:, axis], []
-        for sign in (1.0, -1.0):
-            at = base + sign * np.linspace(0.0, 1.0, 4001)[:, None] * turn
-            s = at[np.argmax((at.min(axis=1) <= 1e-7) | (at.max(axis=1) >= 1.0))]
-            moment = abs(_wrench(_commands(name, np.clip(s, 0.0, 1.0)))[0][axis])
-            found.append((moment, {int(n) + 1 for n in np.flatnonzero((s <= 1e-3) | (s >= 0.999))}, s))
-        moment, rotors, s = found[1] if found[1][0] < 0.999 * found[0][0] else found[0]  # a tie: the first
-        limit = _row(name).limits[axis - 1]
-        assert limit.moment_Nm == pytest.approx(moment, rel=5e-3), axis
-        assert limit.rotors and set(limit.rotors) <= rotors, axis
-        assert limit.full == bool(s[limit.rotors[0] - 1] > 0.5), axis
+def test_the_first_rotor_at_its_bound_is_the_one_of_a_fine_grid():
+    with case_table() as case:
+        for name in LAWS:
+            with case(f"{name}"):
+                hover = _hover(name)
+                base = _setpoints(name, [hover, 0, 0, 0])
+                for axis in (1, 2, 3):
+                    turn, found = _table(name)[0][:, axis], []
+                    for sign in (1.0, -1.0):
+                        at = base + sign * np.linspace(0.0, 1.0, 4001)[:, None] * turn
+                        s = at[np.argmax((at.min(axis=1) <= 1e-7) | (at.max(axis=1) >= 1.0))]
+                        moment = abs(_wrench(_commands(name, np.clip(s, 0.0, 1.0)))[0][axis])
+                        found.append(
+                            (moment, {int(n) + 1 for n in np.flatnonzero((s <= 1e-3) | (s >= 0.999))}, s)
+                        )
+                    moment, rotors, s = (
+                        found[1] if found[1][0] < 0.999 * found[0][0] else found[0]
+                    )  # a tie: the first
+                    limit = _row(name).limits[axis - 1]
+                    assert limit.moment_Nm == pytest.approx(moment, rel=5e-3), axis
+                    assert limit.rotors and set(limit.rotors) <= rotors, axis
+                    assert limit.full == bool(s[limit.rotors[0] - 1] > 0.5), axis
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_coupling_and_what_a_constant_gain_leaves(name: str):
-    row = _row(name)
-    hover = _hover(name)
-    still = _flown(name, [hover, 0, 0, 0])
-    for axis in (1, 2, 3):
-        ask = np.eye(4)[axis] * row.hard_Nm[axis - 1]
-        off = _flown(name, [hover, 0, 0, 0] + ask / row.gain) - still - ask
-        other = _flown(name, [hover, 0, 0, 0] - ask / row.gain) - still + ask
-        worst = np.where(np.abs(off) >= np.abs(other), off, other)
-        assert np.abs(row.coupling[axis - 1]) == pytest.approx(np.abs(worst), rel=0.02, abs=0.01)
-    demands = envelope(FRAME) / [WEIGHT / hover, *row.gain[1:]]
-    delivered = np.array([_flown(name, d) for d in demands])
-    for axis in range(4):
-        gain = np.linalg.lstsq(demands[:, [axis]], delivered[:, axis], rcond=None)[0][0]
-        left = np.abs(delivered[:, axis] - gain * demands[:, axis]).mean()
-        assert row.shape_error[axis] == pytest.approx(left, rel=0.02, abs=2e-4)
+def test_coupling_and_what_a_constant_gain_leaves():
+    with case_table() as case:
+        for name in LAWS:
+            with case(f"{name}"):
+                row = _row(name)
+                hover = _hover(name)
+                still = _flown(name, [hover, 0, 0, 0])
+                for axis in (1, 2, 3):
+                    ask = np.eye(4)[axis] * row.hard_Nm[axis - 1]
+                    off = _flown(name, [hover, 0, 0, 0] + ask / row.gain) - still - ask
+                    other = _flown(name, [hover, 0, 0, 0] - ask / row.gain) - still + ask
+                    worst = np.where(np.abs(off) >= np.abs(other), off, other)
+                    assert np.abs(row.coupling[axis - 1]) == pytest.approx(np.abs(worst), rel=0.02, abs=0.01)
+                demands = envelope(FRAME) / [WEIGHT / hover, *row.gain[1:]]
+                delivered = np.array([_flown(name, d) for d in demands])
+                for axis in range(4):
+                    gain = np.linalg.lstsq(demands[:, [axis]], delivered[:, axis], rcond=None)[0][0]
+                    left = np.abs(delivered[:, axis] - gain * demands[:, axis]).mean()
+                    assert row.shape_error[axis] == pytest.approx(left, rel=0.02, abs=2e-4)
 
 
 def test_unregulated_speed_controllers_change_the_gain_as_scaled_speeds_do():

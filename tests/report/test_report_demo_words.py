@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from case_table import case_table
 
 from coaxlink.report.demo_words import flown, story
 from coaxlink.residual.allocation_error import AllocationErrors, ArmSplit
@@ -29,17 +30,16 @@ LESS = "on 5.0% less battery power than the standard one (1900 W for 2000 W): +5
 MORE = "on 5.0% more battery power than the standard one (2100 W for 2000 W): -4.8% time in the air"
 
 
-@pytest.mark.parametrize(
-    ("ours", "theirs", "said"),
-    [
-        (1900.0, 2000.0, LESS),
-        (2100.0, 2000.0, MORE),
-        (2000.0, 2000.4, "on the same battery power (2000 W)"),
-        (None, 2000.0, "did not report the power"),
-    ],
-)
-def test_the_first_sentence_says_what_it_is_worth_whichever_way_it_goes(ours, theirs, said):
-    assert said in flown({"standard": flight(theirs), "fitted": flight(ours)})[0]
+def test_the_first_sentence_says_what_it_is_worth_whichever_way_it_goes():
+    with case_table() as case:
+        for ours, theirs, said in (
+            (1900.0, 2000.0, LESS),
+            (2100.0, 2000.0, MORE),
+            (2000.0, 2000.4, "on the same battery power (2000 W)"),
+            (None, 2000.0, "did not report the power"),
+        ):
+            with case(f"{ours}, {theirs}, {said}"):
+                assert said in flown({"standard": flight(theirs), "fitted": flight(ours)})[0]
 
 
 def test_height_share_and_what_no_gain_takes_off_are_those_of_the_flights():

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from sim.effects import HiddenEffect
 from sim.flights import fly, write_flight
@@ -35,15 +36,23 @@ def flown(*effects: HiddenEffect, height: float = 5.0, rotor: str = "") -> Plant
     return plant
 
 
-@pytest.mark.parametrize("height", [5.5, 5.0, 3.0])
-def test_a_ceiling_draws_by_momentum_theory_or_by_an_image(height: float) -> None:
-    free = flown(height=height).thrust.copy()
-    left = 6.0 - (height - flown().vehicle.position_m[:, 2])
-    under = flown(HiddenEffect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}), height=height)
-    square = (0.235 / left) ** 2
-    assert under.thrust / free == pytest.approx((1 + np.sqrt(1 + 0.5 * square)) / 2)
-    image = flown(HiddenEffect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}, "image"), height=height)
-    assert image.thrust / free == pytest.approx(1 / (1 - 0.125 * square))
+def test_a_ceiling_draws_by_momentum_theory_or_by_an_image() -> None:
+    with case_table() as case:
+        for height in (
+            5.5,
+            5.0,
+            3.0,
+        ):
+            with case(f"{height}"):
+                free = flown(height=height).thrust.copy()
+                left = 6.0 - (height - flown().vehicle.position_m[:, 2])
+                under = flown(HiddenEffect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}), height=height)
+                square = (0.235 / left) ** 2
+                assert under.thrust / free == pytest.approx((1 + np.sqrt(1 + 0.5 * square)) / 2)
+                image = flown(
+                    HiddenEffect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}, "image"), height=height
+                )
+                assert image.thrust / free == pytest.approx(1 / (1 - 0.125 * square))
 
 
 def test_windings_warm_by_their_current_and_slow_the_rotors() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_table import case_table
 from pymavlink.dialects.v20 import common as m
 from sim_pilot import Pilot
 
@@ -61,18 +62,24 @@ def _offset(kind: type[Any], field: str) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("firmware", ["px4:1.13", "px4", "ardupilot"])
-def test_nonsense_does_not_stop_the_world(firmware: str) -> None:
-    draw, pilot = random.Random(firmware), Pilot(firmware)
-    port, names = pilot.ports[0], list(pilot.autopilot.store.names)
-    for tick in range(400):
-        for _ in range(5):
-            port.put(0, nonsense(draw, draw.choice(KINDS), pilot.mav, names))
-        if tick % 7 == 0:
-            port.put(0, draw.randbytes(draw.randrange(1, 400)))
-        pilot.now += 0.004
-        pilot.standin.tick()
-        commands = pilot.autopilot.command
-        assert ((commands >= 0.0) & (commands <= 1.0)).all()
-    assert port.peers[0].parser.total_packets_received > 1500
-    assert np.isfinite(pilot.autopilot.plant.state).all()
+def test_nonsense_does_not_stop_the_world() -> None:
+    with case_table() as case:
+        for firmware in (
+            "px4:1.13",
+            "px4",
+            "ardupilot",
+        ):
+            with case(f"{firmware}"):
+                draw, pilot = random.Random(firmware), Pilot(firmware)
+                port, names = pilot.ports[0], list(pilot.autopilot.store.names)
+                for tick in range(400):
+                    for _ in range(5):
+                        port.put(0, nonsense(draw, draw.choice(KINDS), pilot.mav, names))
+                    if tick % 7 == 0:
+                        port.put(0, draw.randbytes(draw.randrange(1, 400)))
+                    pilot.now += 0.004
+                    pilot.standin.tick()
+                    commands = pilot.autopilot.command
+                    assert ((commands >= 0.0) & (commands <= 1.0)).all()
+                assert port.peers[0].parser.total_packets_received > 1500
+                assert np.isfinite(pilot.autopilot.plant.state).all()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from sim.effects import FORMS, HiddenEffect
 from sim.physics.plant import Plant
@@ -34,15 +35,29 @@ def heights(plant: Plant) -> np.ndarray:
     return 0.2 - plant.position[2] - plant.vehicle.position_m[:, 2]
 
 
-@pytest.mark.parametrize("height", [0.5, 0.9, 2.0])
-def test_ground_effect_by_cheeseman_and_bennett_and_by_hayden(height: float) -> None:
-    free, gain = flown(height=height).thrust.copy(), 0.2 / math.e
-    image = flown(HiddenEffect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "cheeseman"), height=height)
-    h = heights(image)
-    radius = 4 * 0.8 * math.sqrt(gain / (1 + gain))  # so that the gain at 0.8 m is the exponential law's
-    assert image.thrust / free == pytest.approx(1 / (1 - (radius / (4 * h)) ** 2))
-    power = flown(HiddenEffect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "hayden"), height=height)
-    assert power.thrust / free == pytest.approx((1 + ((1 + gain) ** 1.5 - 1) * (0.8 / h) ** 2) ** (2 / 3))
+def test_ground_effect_by_cheeseman_and_bennett_and_by_hayden() -> None:
+    with case_table() as case:
+        for height in (
+            0.5,
+            0.9,
+            2.0,
+        ):
+            with case(f"{height}"):
+                free, gain = flown(height=height).thrust.copy(), 0.2 / math.e
+                image = flown(
+                    HiddenEffect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "cheeseman"), height=height
+                )
+                h = heights(image)
+                radius = (
+                    4 * 0.8 * math.sqrt(gain / (1 + gain))
+                )  # so that the gain at 0.8 m is the exponential law's
+                assert image.thrust / free == pytest.approx(1 / (1 - (radius / (4 * h)) ** 2))
+                power = flown(
+                    HiddenEffect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "hayden"), height=height
+                )
+                assert power.thrust / free == pytest.approx(
+                    (1 + ((1 + gain) ** 1.5 - 1) * (0.8 / h) ** 2) ** (2 / 3)
+                )
 
 
 def test_drag_by_mass_flow_and_by_flapping() -> None:
@@ -59,27 +74,33 @@ def test_drag_by_mass_flow_and_by_flapping() -> None:
         assert force == pytest.approx(-1.2 * 3.0 * HOVER.sum(), rel=0.25)  # as large as by speed
 
 
-@pytest.mark.parametrize("climb", [-3.0, 0.5, 3.0])
-def test_inflow_by_momentum_balances_blades_and_air(climb: float) -> None:
-    size = 4.0
-    p = flown(HiddenEffect("axial_inflow", size, 0.0, {}, "momentum"))
-    still = p.thrust.copy()
-    p.state[5] = -climb
-    p.advance(HOVER, 0)
-    tip = 5400 * math.pi / 30 * 0.235
-    hover = math.sqrt(20.0 * 9.80665 / 8 / (2 * 1.225 * math.pi * 0.235**2)) / (0.55 * tip)
-    slope = 2 * size * hover**2 / (1 - size * hover)
-    for share, u in zip(p.thrust / still, HOVER, strict=True):
-        up = climb / (tip * u)
-        low, high = up + 1e-9 if up > 0 else 1e-9, 1.0  # bisect: momentum (l (l - l_c)) = blades
-        for _ in range(80):
-            flow = 0.5 * (low + high)
-            blades = hover**2 + slope * (hover - flow)
-            low, high = (flow, high) if flow * (flow - up) < blades else (low, flow)
-        assert share == pytest.approx(flow * (flow - up) / hover**2, rel=1e-6)
-    if climb == 0.5:
-        mean = (tip * HOVER).mean()
-        assert (p.thrust / still).mean() == pytest.approx(1 - size * climb / mean, abs=0.01)
+def test_inflow_by_momentum_balances_blades_and_air() -> None:
+    with case_table() as case:
+        for climb in (
+            -3.0,
+            0.5,
+            3.0,
+        ):
+            with case(f"{climb}"):
+                size = 4.0
+                p = flown(HiddenEffect("axial_inflow", size, 0.0, {}, "momentum"))
+                still = p.thrust.copy()
+                p.state[5] = -climb
+                p.advance(HOVER, 0)
+                tip = 5400 * math.pi / 30 * 0.235
+                hover = math.sqrt(20.0 * 9.80665 / 8 / (2 * 1.225 * math.pi * 0.235**2)) / (0.55 * tip)
+                slope = 2 * size * hover**2 / (1 - size * hover)
+                for share, u in zip(p.thrust / still, HOVER, strict=True):
+                    up = climb / (tip * u)
+                    low, high = up + 1e-9 if up > 0 else 1e-9, 1.0  # bisect: momentum (l (l - l_c)) = blades
+                    for _ in range(80):
+                        flow = 0.5 * (low + high)
+                        blades = hover**2 + slope * (hover - flow)
+                        low, high = (flow, high) if flow * (flow - up) < blades else (low, flow)
+                    assert share == pytest.approx(flow * (flow - up) / hover**2, rel=1e-6)
+                if climb == 0.5:
+                    mean = (tip * HOVER).mean()
+                    assert (p.thrust / still).mean() == pytest.approx(1 - size * climb / mean, abs=0.01)
 
 
 def test_a_motor_under_load_and_a_giving_governor() -> None:

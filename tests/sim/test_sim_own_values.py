@@ -4,6 +4,7 @@ import struct
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 from sim_pilot import Pilot
 
 from sim.world import World, build
@@ -57,15 +58,21 @@ def test_an_arducopter_learns_its_hover_throttle_and_saves_it_on_disarming():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("learn", "saved"), [(0, True), (1, True), (2, False)])
-def test_what_is_not_saved_is_gone_with_the_next_start(learn, saved):
-    copter = _standin("ardupilot")
-    copter.store.write("MOT_THST_HOVER", 0.5)
-    copter.store.write("MOT_HOVER_LEARN", float(learn))
-    in_the_air = _fly(copter, 10.0, True)
-    assert (in_the_air["MOT_THST_HOVER"] == 0.5) == (learn == 0)
-    copter.boot()
-    assert (copter.store["MOT_THST_HOVER"] == 0.5) == saved
+def test_what_is_not_saved_is_gone_with_the_next_start():
+    with case_table() as case:
+        for learn, saved in (
+            (0, True),
+            (1, True),
+            (2, False),
+        ):
+            with case(f"{learn}, {saved}"):
+                copter = _standin("ardupilot")
+                copter.store.write("MOT_THST_HOVER", 0.5)
+                copter.store.write("MOT_HOVER_LEARN", float(learn))
+                in_the_air = _fly(copter, 10.0, True)
+                assert (in_the_air["MOT_THST_HOVER"] == 0.5) == (learn == 0)
+                copter.boot()
+                assert (copter.store["MOT_THST_HOVER"] == 0.5) == saved
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from firmware_params import px4
 from sim.effects import HiddenEffect
@@ -127,12 +128,14 @@ def test_what_these_flights_cannot_hold_is_refused(design) -> None:
         fly_quick(design, FlightWorld(plan="loop"))
 
 
-@pytest.mark.parametrize("plan", sorted(PLANS))
-def test_a_plans_speed_is_the_slope_of_its_place(plan: str) -> None:
-    t = np.linspace(0.0, 20.0, 20_001)
-    goals = PLANS[plan](t, 3)
-    if plan == "steps":
-        assert not goals[:, 3:9].any()
-        return
-    assert np.allclose(np.gradient(goals[:, :3], t, axis=0), goals[:, 3:6], atol=2e-3)
-    assert np.allclose(np.gradient(goals[:, 3:6], t, axis=0), goals[:, 6:9], atol=2e-2)
+def test_a_plans_speed_is_the_slope_of_its_place() -> None:
+    with case_table() as case:
+        for plan in sorted(PLANS):
+            with case(f"{plan}"):
+                t = np.linspace(0.0, 20.0, 20_001)
+                goals = PLANS[plan](t, 3)
+                if plan == "steps":
+                    assert not goals[:, 3:9].any()
+                    continue
+                assert np.allclose(np.gradient(goals[:, :3], t, axis=0), goals[:, 3:6], atol=2e-3)
+                assert np.allclose(np.gradient(goals[:, 3:6], t, axis=0), goals[:, 6:9], atol=2e-2)

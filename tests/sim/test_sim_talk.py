@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_table import case_table
 from pymavlink.dialects.v20 import ardupilotmega as m
 from sim_pilot import Pilot
 
@@ -133,21 +134,32 @@ def test_who_asks_for_a_mission_is_told_that_there_is_none(firmware: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
-@pytest.mark.parametrize("kind", ["measured", "sitl", "none"])
-def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up(firmware: str, kind: str) -> None:
-    pilot = Pilot(firmware, escs=kind)
-    assert pilot.command(511, 11030 if pilot.copter else 291, 50_000) == 0
-    pilot.climb()
-    names = ["ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8"] if pilot.copter else ["ESC_STATUS"]
-    told = [message.rpm for name in names for message in pilot.heard(name)[-20:]]
-    if kind == "none":
-        assert not told
-        return
-    outputs = (np.array(pilot.autopilot.outputs_us) - 1000) / 1000
-    full = np.mean(told) / np.mean(outputs)
-    made_up = 0.0 if pilot.copter else 6000.0
-    assert full == pytest.approx(made_up if kind == "sitl" else 5400.0, rel=0.05)
+def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up() -> None:
+    with case_table() as case:
+        for kind in (
+            "measured",
+            "sitl",
+            "none",
+        ):
+            for firmware in (
+                "px4",
+                "ardupilot",
+            ):
+                with case(f"{firmware}, {kind}"):
+                    pilot = Pilot(firmware, escs=kind)
+                    assert pilot.command(511, 11030 if pilot.copter else 291, 50_000) == 0
+                    pilot.climb()
+                    names = (
+                        ["ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8"] if pilot.copter else ["ESC_STATUS"]
+                    )
+                    told = [message.rpm for name in names for message in pilot.heard(name)[-20:]]
+                    if kind == "none":
+                        assert not told
+                        continue
+                    outputs = (np.array(pilot.autopilot.outputs_us) - 1000) / 1000
+                    full = np.mean(told) / np.mean(outputs)
+                    made_up = 0.0 if pilot.copter else 6000.0
+                    assert full == pytest.approx(made_up if kind == "sitl" else 5400.0, rel=0.05)
 
 
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])

@@ -4,6 +4,7 @@ import struct
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 from memory_net import meet, standin
 
 from coaxlink.mavlink.ftp import Files
@@ -35,19 +36,20 @@ def _put(session, name, text):
     files.write(f"/APM/scripts/{name}", text)
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (OWN_MATRIX, "line 1"),
-        (b"--[[ old ]]\nlocal m = MotorsMatrix\nm:init(8)", "line 2"),
-        (b"Motors_6DoF:add_motor(0, 0, 0, 1, 0, 0, 0, false, 1)", "Motors_6DoF"),
-        (b"-- MotorsMatrix:init(8)\ngcs:send_text(6, 'MotorsMatrix is coaxlinks')", ""),
-        (b"--[==[\nMotorsMatrix:init(8)\n]==]\nlocal a = [[MotorsMatrix]]", ""),
-    ],
-)
-def test_a_script_that_sets_the_matrix_is_known_by_its_code(text, says):
-    found = foreign_matrix({"/APM/scripts/own.lua": text, "/APM/scripts/coaxlink_matrix.lua": OWN_MATRIX})
-    assert says in found and bool(found) == bool(says)
+def test_a_script_that_sets_the_matrix_is_known_by_its_code():
+    with case_table() as case:
+        for text, says in (
+            (OWN_MATRIX, "line 1"),
+            (b"--[[ old ]]\nlocal m = MotorsMatrix\nm:init(8)", "line 2"),
+            (b"Motors_6DoF:add_motor(0, 0, 0, 1, 0, 0, 0, false, 1)", "Motors_6DoF"),
+            (b"-- MotorsMatrix:init(8)\ngcs:send_text(6, 'MotorsMatrix is coaxlinks')", ""),
+            (b"--[==[\nMotorsMatrix:init(8)\n]==]\nlocal a = [[MotorsMatrix]]", ""),
+        ):
+            with case(f"{text}, {says}"):
+                found = foreign_matrix(
+                    {"/APM/scripts/own.lua": text, "/APM/scripts/coaxlink_matrix.lua": OWN_MATRIX}
+                )
+                assert says in found and bool(found) == bool(says)
 
 
 def test_a_module_counts_when_a_script_takes_it_in():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 from residual_rig import run
 
 from coaxlink.data import Samples
@@ -42,23 +43,22 @@ def nothing_claimed(answer) -> bool:
     return answer.effects == () and answer.ambiguous == ()
 
 
-@pytest.mark.parametrize(
-    ("column", "factor", "unit"),
-    [
-        ("lower_torque_Nm", 100.0, "N cm"),
-        ("upper_thrust_N", 1 / 9.80665, "kgf"),
-        ("lower_thrust_N", 1000 / 9.80665, "gf"),
-        ("lower_torque_Nm", -1.0, "sign"),
-    ],
-)
-def test_another_unit_or_sign_takes_the_channel_out(paper, column: str, factor: float, unit: str) -> None:
-    columns = run(seed=1)
-    columns[column] = factor * columns[column]
-    answer = refine_stand(Samples(columns, "rig"), paper)
-    (suspect,) = answer.suspect_data
-    assert (suspect.column, suspect.rows) == (column, "all") and unit in suspect.why
-    assert nothing_claimed(answer) and answer.unexplained == ()
-    assert column.rsplit("_", 1)[0] not in answer.channels and len(answer.channels) == 5
+def test_another_unit_or_sign_takes_the_channel_out(paper) -> None:
+    with case_table() as case:
+        for column, factor, unit in (
+            ("lower_torque_Nm", 100.0, "N cm"),
+            ("upper_thrust_N", 1 / 9.80665, "kgf"),
+            ("lower_thrust_N", 1000 / 9.80665, "gf"),
+            ("lower_torque_Nm", -1.0, "sign"),
+        ):
+            with case(f"{column}, {factor}, {unit}"):
+                columns = run(seed=1)
+                columns[column] = factor * columns[column]
+                answer = refine_stand(Samples(columns, "rig"), paper)
+                (suspect,) = answer.suspect_data
+                assert (suspect.column, suspect.rows) == (column, "all") and unit in suspect.why
+                assert nothing_claimed(answer) and answer.unexplained == ()
+                assert column.rsplit("_", 1)[0] not in answer.channels and len(answer.channels) == 5
 
 
 @pytest.mark.slow
@@ -100,10 +100,18 @@ def test_loads_exchanged_where_only_the_second_part_has_such_speeds(pairs: list[
     assert nothing_claimed(answer)
 
 
-@pytest.mark.parametrize("true", [{}, {"interference": 12.0}, {"power": 0.4}, {"bump": 12.0}, {"drift": 3.0}])
-def test_one_pass_whose_loads_are_what_they_say_is_not_flagged(true: dict) -> None:
-    columns = {k: v[:ONE_PASS] for k, v in run(seed=10, throttle=False, **true).items()}
-    assert find_suspects(stand_frame(Samples(columns, "rig"), None)).suspects == ()
+def test_one_pass_whose_loads_are_what_they_say_is_not_flagged() -> None:
+    with case_table() as case:
+        for true in (
+            {},
+            {"interference": 12.0},
+            {"power": 0.4},
+            {"bump": 12.0},
+            {"drift": 3.0},
+        ):
+            with case(f"{true}"):
+                columns = {k: v[:ONE_PASS] for k, v in run(seed=10, throttle=False, **true).items()}
+                assert find_suspects(stand_frame(Samples(columns, "rig"), None)).suspects == ()
 
 
 @pytest.mark.slow

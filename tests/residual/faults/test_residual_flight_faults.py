@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from case_table import case_table
 from residual_world import fly
 
 from coaxlink import files
@@ -39,21 +40,20 @@ def stands_still(log):
     return {"height_m": np.where(late, log["height_m"][late][0], log["height_m"])}
 
 
-@pytest.mark.parametrize(
-    ("column", "harm"),
-    [
-        ("height_m", stands_still),
-        ("accel_z_m_s2", lambda log: {"accel_z_m_s2": 0.91 * log["accel_z_m_s2"]}),
-        ("accel_z_m_s2", lambda log: {"accel_z_m_s2": log["accel_z_m_s2"] - 0.8}),
-        ("voltage_V", lambda log: {"voltage_V": 1000.0 * log["voltage_V"]}),
-        ("vel_d_m_s", lambda log: {"vel_d_m_s": -log["vel_d_m_s"]}),
-        ("vel_e_m_s", lambda log: {"vel_e_m_s": -log["vel_e_m_s"]}),
-        ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
-        ("height_m", lambda log: {"height_m": log["height_m"] / 0.3048}),
-    ],
-)
-def test_what_the_rest_of_the_log_contradicts_is_flagged(column, harm, clean):
-    assert [f[0] for f in contradicted(Samples(clean | harm(clean), "fault"))] == [column]
+def test_what_the_rest_of_the_log_contradicts_is_flagged(clean):
+    with case_table() as case:
+        for column, harm in (
+            ("height_m", stands_still),
+            ("accel_z_m_s2", lambda log: {"accel_z_m_s2": 0.91 * log["accel_z_m_s2"]}),
+            ("accel_z_m_s2", lambda log: {"accel_z_m_s2": log["accel_z_m_s2"] - 0.8}),
+            ("voltage_V", lambda log: {"voltage_V": 1000.0 * log["voltage_V"]}),
+            ("vel_d_m_s", lambda log: {"vel_d_m_s": -log["vel_d_m_s"]}),
+            ("vel_e_m_s", lambda log: {"vel_e_m_s": -log["vel_e_m_s"]}),
+            ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
+            ("height_m", lambda log: {"height_m": log["height_m"] / 0.3048}),
+        ):
+            with case(f"{column}, {harm}"):
+                assert [f[0] for f in contradicted(Samples(clean | harm(clean), "fault"))] == [column]
 
 
 @pytest.mark.parametrize("share", [0.97, 1.03])
@@ -86,18 +86,25 @@ def test_outputs_that_no_motor_hangs_on_are_none(clean):
     assert motors_too_many(Samples(clean | rests, "sound"), set(range(1, 9))) == []
 
 
-@pytest.mark.parametrize("what", ["gripper at rest", "gimbal that holds level", "landing gear", "servo"])
-def test_a_servo_in_the_middle_of_its_range_is_no_motor(what, clean):
+def test_a_servo_in_the_middle_of_its_range_is_no_motor(clean):
     """A tlog has every output that sends pulses, and 1500 us is half of a motor's range."""
-    time, random = clean["time_s"], np.random.default_rng(3)
-    moves = {
-        "gripper at rest": np.full(len(time), 0.5),
-        "gimbal that holds level": 0.5 + 0.6 * clean["pitch_rad"],
-        "landing gear": np.where(time > 20.0, 0.9, 0.4),
-        "servo": 0.5 + 0.05 * random.standard_normal(len(time)),
-    }
-    log = Samples(clean | {"motor9": np.clip(moves[what], 0.0, 1.0)}, "sound")
-    assert motors_too_many(log, set(range(1, 9))) == []
+    with case_table() as case:
+        for what in (
+            "gripper at rest",
+            "gimbal that holds level",
+            "landing gear",
+            "servo",
+        ):
+            with case(f"{what}"):
+                time, random = clean["time_s"], np.random.default_rng(3)
+                moves = {
+                    "gripper at rest": np.full(len(time), 0.5),
+                    "gimbal that holds level": 0.5 + 0.6 * clean["pitch_rad"],
+                    "landing gear": np.where(time > 20.0, 0.9, 0.4),
+                    "servo": 0.5 + 0.05 * random.standard_normal(len(time)),
+                }
+                log = Samples(clean | {"motor9": np.clip(moves[what], 0.0, 1.0)}, "sound")
+                assert motors_too_many(log, set(range(1, 9))) == []
 
 
 def test_motors_of_a_vehicle_of_ten_are_found_by_how_they_go_along(clean):
@@ -113,21 +120,36 @@ def test_a_voltage_that_was_never_measured_is_none(volts, clean):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["roll_rad", "accel_y_m_s2", "vel_d_m_s", "height_m"])
-def test_what_is_not_finite_flags_nobody_and_warns_of_nothing(name, clean):
-    endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
-    log = Samples(clean | {name: endless}, "damaged")
-    assert [*contradicted(log), *stuck(log), *copied(log)] == []
+def test_what_is_not_finite_flags_nobody_and_warns_of_nothing(clean):
+    with case_table() as case:
+        for name in (
+            "roll_rad",
+            "accel_y_m_s2",
+            "vel_d_m_s",
+            "height_m",
+        ):
+            with case(f"{name}"):
+                endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
+                log = Samples(clean | {name: endless}, "damaged")
+                assert [*contradicted(log), *stuck(log), *copied(log)] == []
 
 
-@pytest.mark.parametrize("name", ["roll", "pitch", "yaw"])
-def test_an_angle_that_stands_still_while_the_gyros_turn_is_flagged(name, clean):
-    time, column = clean["time_s"], f"{name}_rad"
-    stands = (time > 25.0) & (time < 48.0)
-    log = Samples(clean | {column: np.where(stands, clean[column][stands][0], clean[column])}, "fault")
-    (found,) = stuck(log)
-    assert found[0] == column and "gyros" in found[2]
-    assert np.mean(found[1] == stands) > 0.99
+def test_an_angle_that_stands_still_while_the_gyros_turn_is_flagged(clean):
+    with case_table() as case:
+        for name in (
+            "roll",
+            "pitch",
+            "yaw",
+        ):
+            with case(f"{name}"):
+                time, column = clean["time_s"], f"{name}_rad"
+                stands = (time > 25.0) & (time < 48.0)
+                log = Samples(
+                    clean | {column: np.where(stands, clean[column][stands][0], clean[column])}, "fault"
+                )
+                (found,) = stuck(log)
+                assert found[0] == column and "gyros" in found[2]
+                assert np.mean(found[1] == stands) > 0.99
 
 
 def test_an_angle_that_stands_still_with_the_vehicle_is_sound(clean):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
@@ -63,47 +64,72 @@ def test_resolution_is_the_smallest_step() -> None:
     assert not is_coarse(noisy, 1.0)
 
 
-@pytest.mark.parametrize("noise", [0.02, 1.0, 3.0])
-def test_coarse_steps_are_neither_stuck_nor_copied(noise: float) -> None:
-    log = rounded(flight(noise=noise, ground_s=40.0))
-    still = np.diff(log["gyro_z_rad_s"]) == 0.0
-    assert still.mean() > 0.3  # it does repeat itself
-    assert not stuck(log) and not copied(log)
+def test_coarse_steps_are_neither_stuck_nor_copied() -> None:
+    with case_table() as case:
+        for noise in (
+            0.02,
+            1.0,
+            3.0,
+        ):
+            with case(f"{noise}"):
+                log = rounded(flight(noise=noise, ground_s=40.0))
+                still = np.diff(log["gyro_z_rad_s"]) == 0.0
+                assert still.mean() > 0.3  # it does repeat itself
+                assert not stuck(log) and not copied(log)
 
 
-@pytest.mark.parametrize("column", ["gyro_x_rad_s", "gyro_z_rad_s", "accel_z_m_s2"])
-@pytest.mark.parametrize("coarse", [False, True])
-def test_a_stuck_axis_is_found_whatever_its_resolution(column: str, coarse: bool) -> None:
-    log = flight()
-    values = log[column].copy()
-    first = int(28 * RATE)  # in a stretch in which much happens
-    values[first : first + 250] = values[first]
-    log = log.with_columns(**{column: values})
-    found = stuck(rounded(log) if coarse else log)
-    assert [name for name, _, _ in found] == [column]
-    rows = np.flatnonzero(found[0][1])
-    assert abs(rows[0] - first) <= 12 and abs(rows[-1] - first - 249) <= 12
+def test_a_stuck_axis_is_found_whatever_its_resolution() -> None:
+    with case_table() as case:
+        for coarse in (
+            False,
+            True,
+        ):
+            for column in (
+                "gyro_x_rad_s",
+                "gyro_z_rad_s",
+                "accel_z_m_s2",
+            ):
+                with case(f"{column}, {coarse}"):
+                    log = flight()
+                    values = log[column].copy()
+                    first = int(28 * RATE)  # in a stretch in which much happens
+                    values[first : first + 250] = values[first]
+                    log = log.with_columns(**{column: values})
+                    found = stuck(rounded(log) if coarse else log)
+                    assert [name for name, _, _ in found] == [column]
+                    rows = np.flatnonzero(found[0][1])
+                    assert abs(rows[0] - first) <= 12 and abs(rows[-1] - first - 249) <= 12
 
 
-@pytest.mark.parametrize("coarse", [False, True])
-def test_an_axis_that_never_worked_is_found(coarse: bool) -> None:
-    log = flight().with_columns(gyro_y_rad_s=np.zeros(3000))
-    found = stuck(rounded(log) if coarse else log)
-    assert [name for name, _, _ in found] == ["gyro_y_rad_s"] and found[0][1].mean() > 0.9
+def test_an_axis_that_never_worked_is_found() -> None:
+    with case_table() as case:
+        for coarse in (
+            False,
+            True,
+        ):
+            with case(f"{coarse}"):
+                log = flight().with_columns(gyro_y_rad_s=np.zeros(3000))
+                found = stuck(rounded(log) if coarse else log)
+                assert [name for name, _, _ in found] == ["gyro_y_rad_s"] and found[0][1].mean() > 0.9
 
 
-@pytest.mark.parametrize("coarse", [False, True])
-def test_a_copied_stretch_is_found_whatever_its_resolution(coarse: bool) -> None:
-    log = flight(noise=2.0)
-    log = rounded(log) if coarse else log
-    names = [n for n in log.columns if n.startswith(("accel", "gyro"))]
-    moved = {n: log[n].copy() for n in names}
-    for values in moved.values():
-        values[2000:2200] = values[1300:1500]
-    ((_, rows, why),) = copied(log.with_columns(**moved))
-    assert "stand in the log before" in why
-    at = np.flatnonzero(rows)
-    assert at[0] == pytest.approx(2000, abs=3) and at[-1] == pytest.approx(2199, abs=3)
+def test_a_copied_stretch_is_found_whatever_its_resolution() -> None:
+    with case_table() as case:
+        for coarse in (
+            False,
+            True,
+        ):
+            with case(f"{coarse}"):
+                log = flight(noise=2.0)
+                log = rounded(log) if coarse else log
+                names = [n for n in log.columns if n.startswith(("accel", "gyro"))]
+                moved = {n: log[n].copy() for n in names}
+                for values in moved.values():
+                    values[2000:2200] = values[1300:1500]
+                ((_, rows, why),) = copied(log.with_columns(**moved))
+                assert "stand in the log before" in why
+                at = np.flatnonzero(rows)
+                assert at[0] == pytest.approx(2000, abs=3) and at[-1] == pytest.approx(2199, abs=3)
 
 
 def test_the_resolution_of_the_log_outlives_resampling() -> None:

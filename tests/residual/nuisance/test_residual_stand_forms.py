@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from case_table import case_table
 from residual_rig import steady_loads
 from residual_stand_logs import log_of, model, names, over, ramps
 
@@ -59,16 +60,22 @@ def test_a_memory_fades_as_it_does_one_row_at_a_time():
     assert np.allclose(fading(time_profile, 0.08), expected)
 
 
-@pytest.mark.parametrize("rows", [1, 7, 400])
-def test_slipping_elements_are_those_run_one_row_at_a_time(rows):
-    time_profile = np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, rows))
-    ways = np.array([0.01, 0.1])
-    state, expected = np.zeros(2), []
-    for k in range(rows):
-        move = (time_profile[k] - time_profile[k - 1]) if k else 0.0
-        state = np.clip(state + 2.0 * move / ways, -1.0, 1.0)
-        expected.append(state)
-    assert np.allclose(slipping(time_profile, ways), expected)
+def test_slipping_elements_are_those_run_one_row_at_a_time():
+    with case_table() as case:
+        for rows in (
+            1,
+            7,
+            400,
+        ):
+            with case(f"{rows}"):
+                time_profile = np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, rows))
+                ways = np.array([0.01, 0.1])
+                state, expected = np.zeros(2), []
+                for k in range(rows):
+                    move = (time_profile[k] - time_profile[k - 1]) if k else 0.0
+                    state = np.clip(state + 2.0 * move / ways, -1.0, 1.0)
+                    expected.append(state)
+                assert np.allclose(slipping(time_profile, ways), expected)
 
 
 def test_a_sweep_that_jumps_back_has_no_way_down():

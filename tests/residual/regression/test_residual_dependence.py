@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from case_table import case_table
 from scipy.signal import lfilter
 
 from coaxlink.residual.regression.coloured_noise import Colours
@@ -29,11 +30,13 @@ def found(left: np.ndarray, **variables: np.ndarray) -> list[str]:
     return [d.variable for d in dependences(left[:, None], every, BLOCK, FOLD, size, noise)]
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_gusts_go_with_nothing(seed: int) -> None:
-    motors = {f"motor{n}": 0.5 + 0.05 * gusts(100 * seed + n) for n in range(1, 5)}
-    answered = {"motor5": 0.5 - 0.05 * gusts(seed)}  # a motor that answers the gust
-    assert found(gusts(seed), **motors, **answered, yaw_rad=0.03 * TIME) == []
+def test_gusts_go_with_nothing() -> None:
+    with case_table() as case:
+        for seed in range(12):
+            with case(f"{seed}"):
+                motors = {f"motor{n}": 0.5 + 0.05 * gusts(100 * seed + n) for n in range(1, 5)}
+                answered = {"motor5": 0.5 - 0.05 * gusts(seed)}  # a motor that answers the gust
+                assert found(gusts(seed), **motors, **answered, yaw_rad=0.03 * TIME) == []
 
 
 def test_what_no_gust_brings_is_told_though_it_wanders_as_one() -> None:
@@ -63,15 +66,20 @@ def test_what_comes_twice_a_turn_goes_with_the_heading() -> None:
     assert found(gusts(7) + 1.5 * np.cos(2.0 * yaw), yaw_rad=yaw)[0] == "yaw_rad"
 
 
-@pytest.mark.parametrize(
-    ("size", "memory_s", "told"), [(0.12, 8.0, False), (1.0, 8.0, True), (1.0, 2.0, False), (2.5, 2.0, True)]
-)
-def test_a_cell_may_wander_by_a_little_on_a_stand(size: float, memory_s: float, told: bool) -> None:
+def test_a_cell_may_wander_by_a_little_on_a_stand() -> None:
     """Up to twice the noise from row to row, or 2 % of the load where it soon forgets."""
-    left = size * gusts(8, memory_s) + 0.1 * np.random.default_rng(9).standard_normal(ROWS)
-    speed = 0.5 + 0.3 * np.sin(TIME / 3.0)
-    names = found(left, upper_speed=speed, lower_speed=0.5 + 0.3 * np.cos(TIME / 4.1))
-    assert ("time_s" in names) == told
+    with case_table() as case:
+        for size, memory_s, told in (
+            (0.12, 8.0, False),
+            (1.0, 8.0, True),
+            (1.0, 2.0, False),
+            (2.5, 2.0, True),
+        ):
+            with case(f"{size}, {memory_s}, {told}"):
+                left = size * gusts(8, memory_s) + 0.1 * np.random.default_rng(9).standard_normal(ROWS)
+                speed = 0.5 + 0.3 * np.sin(TIME / 3.0)
+                names = found(left, upper_speed=speed, lower_speed=0.5 + 0.3 * np.cos(TIME / 4.1))
+                assert ("time_s" in names) == told
 
 
 def on_stand(left: np.ndarray, **more: np.ndarray) -> set[str]:
@@ -82,18 +90,22 @@ def on_stand(left: np.ndarray, **more: np.ndarray) -> set[str]:
     return {f"{d.channel} {d.variable}" for d in dependences(left, variables, BLOCK, FOLD, full, noise)}
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_a_cells_own_noise_that_soon_forgets_goes_with_nothing(seed: int) -> None:
+def test_a_cells_own_noise_that_soon_forgets_goes_with_nothing() -> None:
     """Rows that stand at one level share some of it, and no level may take it for its own."""
-    assert on_stand(np.stack([gusts(10 * seed + c, 0.4) for c in range(4)], axis=1)) == set()
+    with case_table() as case:
+        for seed in range(12):
+            with case(f"{seed}"):
+                assert on_stand(np.stack([gusts(10 * seed + c, 0.4) for c in range(4)], axis=1)) == set()
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_a_cell_drifts_within_its_noise(seed: int) -> None:
+def test_a_cell_drifts_within_its_noise() -> None:
     """A zero that goes to and fro ten times a log, and what was logged of the room meanwhile."""
-    white = np.random.default_rng(seed).standard_normal((ROWS, 4))
-    wander = np.stack([gusts(30 * seed + c, 6.0) for c in range(4)], axis=1)
-    assert on_stand(0.1 * (wander + white), humidity_pct=40.0 + 0.1 * TIME) == set()
+    with case_table() as case:
+        for seed in range(12):
+            with case(f"{seed}"):
+                white = np.random.default_rng(seed).standard_normal((ROWS, 4))
+                wander = np.stack([gusts(30 * seed + c, 6.0) for c in range(4)], axis=1)
+                assert on_stand(0.1 * (wander + white), humidity_pct=40.0 + 0.1 * TIME) == set()
 
 
 def test_what_stands_out_in_a_few_rows_is_no_noise() -> None:
