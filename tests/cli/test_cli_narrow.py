@@ -18,7 +18,7 @@ BROKEN = re.compile(r"(?:\.\.|±)\s*(?:│|$)", re.MULTILINE)  # an interval who
 NAMES = ("x8_demo.toml", "rotor_paper.toml", "stand_eq17.csv")
 X8, ROTOR, STAND = (str(files.example(n)) for n in NAMES)
 SAID = [
-    ["compare", X8, "--rotor", ROTOR],
+    ["compare", X8, "--rotor", ROTOR, "--rows", "20"],
     ["table", X8, "--firmware", "px4"],
     ["table", X8, "--firmware", "ardupilot", "--frame-class", "17"],
     ["allocate", X8, "--law", "exact", "--wrench", "196.2,1,1,0.5"],

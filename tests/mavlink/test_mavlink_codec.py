@@ -65,7 +65,7 @@ def same(a: Any, b: Any) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", sorted(codec.HOT))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     data=st.data(), sequence=st.integers(0, 255), system=st.integers(0, 255), component=st.integers(0, 255)
 )

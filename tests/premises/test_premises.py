@@ -70,6 +70,7 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
     plus = tuple(replace(r, position_m=place) for r, place in zip(X8.rotors, places, strict=True))
     inertia = tuple(3.0 * x for x in X8.inertia_kg_m2)
     missing = sound.without(*(f"motor{k}" for k in range(5, 9)))
+    refined = set()  # by one log of each check: it asks as health does
     with case_table() as case:
         for name, log, vehicle, check in (
             ("48 kg", sound, body(mass_kg=48.0), "lift"),
@@ -88,8 +89,10 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
                 found = judged([log], ["f"], vehicle)
                 assert found.verdict == "not this vehicle" and not found.suspects
                 assert check in {d["check"] for d in found.as_json()["not_this_vehicle"]}
-                said = refine(log, vehicle.declared, ROTORS).to_json()
-                assert said["verdict"] == "not this vehicle" and said["effects"] == []
+                if check not in refined:
+                    refined.add(check)
+                    said = refine(log, vehicle.declared, ROTORS).to_json()
+                    assert said["verdict"] == "not this vehicle" and said["effects"] == []
                 checks = [r.as_json().get("check") for r in flown_by([log], vehicle)]
                 assert check in checks
 
