@@ -108,5 +108,7 @@ def _scored(scorer: Scorer, others: Sequence[Member], tried: Sequence[Member]) -
         at[:count] = values[-len(at) :][:count]
         first.append(scorer.linearised([*others, m.at(at)], (), h.fit.noise)[0])
     most = max(h.fit.log_evidence for h in first)
-    near = [h for h in first if h.fit.log_evidence - without >= NEAR * (most - without)]
+    # where no place is as good as none, all that is near is as near as the best
+    least = most - (1.0 - NEAR) * abs(most - without)
+    near = [h for h in first if h.fit.log_evidence >= least]
     return [scorer.score(h.members, (), h.fit.noise) for h in near]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects import NotShown
 from coaxlink.errors import CoaxlinkError
 from coaxlink.frames import FLIGHT_CHANNELS, GRAVITY_NED, Array, FlightFrame
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
@@ -68,7 +69,10 @@ def flight_experiment(frame: FlightFrame, sigma: Array, rivals: Sequence[Rival])
         nuisance = list(flight_corrections(planned))
         columns = np.stack([reduce_columns(planned, c.columns) for c in nuisance], axis=-1)
         bounds = np.array([c.bound for c in nuisance])
-        return view(planned, rivals, columns, bounds, lambda values: reduce_columns(planned, values))
+        try:
+            return view(planned, rivals, columns, bounds, lambda values: reduce_columns(planned, values))
+        except NotShown:
+            return None  # a hover shows no inflow of a climb
 
     def look(pieces: Sequence[Any]) -> View | None:
         # a manoeuvre is the same wherever it comes in a flight, but for the battery: that is left out

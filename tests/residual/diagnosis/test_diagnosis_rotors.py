@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from residual_world import fly
 
@@ -17,6 +18,8 @@ from coaxlink.residual.channels.flight_problem import flight_problem
 from coaxlink.residual.diagnosis import judge_flight as answers
 from coaxlink.residual.diagnosis.flight import flight_channels
 from coaxlink.residual.diagnosis.rotors import Place, places, undecided
+from coaxlink.residual.experiments.manoeuvres import flight_experiment
+from coaxlink.residual.experiments.stand_run import Rival
 from coaxlink.residual.regression.joint_model import member
 from coaxlink.rotor import load_rotor_model
 
@@ -67,6 +70,21 @@ def test_a_rotor_is_claimed_where_all_others_together_are_improbable():
 
     assert [p.rotor for p in undecided(at(0.77, 0.21, 0.02))] == [1, 2, 3]
     assert undecided(at(0.995, 0.005)) == undecided(at(0.985, 0.009, 0.006)) == []
+
+
+def test_where_no_rotor_explains_anything_all_stay_as_likely(flights):
+    log, *vehicle = flights[SOUND]
+    frame = flight_frame([log], *vehicle)
+    found = places(flight_channels(frame, (), flight_problem(frame)), [weak(frame, 3.0)])
+    assert found[0].probability < 0.99 and sum(p.probability for p in found) == pytest.approx(1.0)
+
+
+def test_a_manoeuvre_that_does_not_show_a_rival_is_left_out_of_the_plan(flights):
+    log, *vehicle = flights[SOUND]
+    frame = flight_frame([log], *vehicle)
+    numbers = {"axial_inflow": {"thrust_per_climb_N_s_m": 3.0}, "mass_change": {"mass_kg": 9.0}}
+    plan = flight_experiment(frame, np.ones(6), [Rival(effect(n).flight, p) for n, p in numbers.items()])
+    assert plan is None or not any("hover" in piece.what for piece in plan.pieces)
 
 
 def test_what_would_have_been_shown_is_named_where_it_is_there(flights):
