@@ -18,7 +18,7 @@ from coaxlink.residual.nuisance.rebased_model import rebased_flight
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.regression.coloured_noise import Colours, period_of
 from coaxlink.residual.regression.dependence import dependences, time_path
-from coaxlink.residual.regression.joint_model import ONSET, Joint, Part
+from coaxlink.residual.regression.joint_model import ONSET, Joint, Part, columns_of
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import (
     Ambiguous,
@@ -33,7 +33,6 @@ from coaxlink.residual.result import (
     probability,
 )
 from coaxlink.residual.search.select import Selection
-from coaxlink.residual.search.trial import columns_of
 from coaxlink.rotor import EffectEntry, RotorModel
 
 DRAWS = 200
@@ -89,7 +88,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     unexplained = j.open_ends
     if unexplained is None:
         # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
-        squares_doubted, fits_doubted = held_out(q.blocks, columns_of(q, list(q.options)))
+        squares_doubted, fits_doubted = held_out(q.blocks, columns_of(q))
         doubted = held_out_residual(q, fits_doubted)
         fold = q.blocks.fold[q.block]
         floor = _separated(p.frame, j.floor)

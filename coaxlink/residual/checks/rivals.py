@@ -19,10 +19,10 @@ from coaxlink.frames import Array
 from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors
-from coaxlink.residual.regression.joint_model import Joint, of_grid
+from coaxlink.residual.regression.joint_model import Joint, columns_of, of_grid
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.search.select import NESTED
-from coaxlink.residual.search.trial import ALPHA, Judge, Trial, columns_of
+from coaxlink.residual.search.trial import ALPHA, Judge, Trial
 
 # the joint fit of options of the problem
 Fitted = Callable[[Sequence[Option]], Joint]
@@ -140,6 +140,6 @@ def _numbers(joint: Joint) -> int:
 def _effective_rows(joint: Joint) -> Array:
     """(C,) rows over the correlation of what is left of them."""
     q = joint.problem
-    fit = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
+    fit = solve(q.blocks, columns_of(q), np.ones(q.blocks.count))
     left = q.residual - q.design @ fit
     return np.asarray(float(q.blocks.rows.sum()) / autocorrelation_time(left, q.block))

@@ -132,7 +132,7 @@ class Scorer:
         for k, m in enumerate(members):
             point = m.point
             for j in range(len(point)):
-                step = _step(frame, m, j)
+                step = m.step(frame, j)
                 moved = point.copy()
                 moved[j] += step
                 others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
@@ -229,7 +229,7 @@ class Scorer:
                 moved, at = [], 0
                 for m in best.members:
                     count = len(m.point)
-                    moved.append(_moved(self.channels.bare, m, values[at : at + count], share))
+                    moved.append(m.moved(self.channels.bare, values[at : at + count], share))
                     at += count
                 now, further = self.linearised(moved, forms, best.fit.noise, slopes)
                 if now.score > best.score:
@@ -267,16 +267,6 @@ def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
         near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
         h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near, h.share)
     return replace(h, log_prior=h.log_prior - 0.5 * colour.size * np.log(len(h.left)))
-
-
-def _step(frame: Any, m: Member, j: int) -> float:
-    count = len(m.coefficients)
-    if j < count:
-        return 1e-3 * max(abs(float(m.coefficients[j])), 1e-2 * float(np.max(np.abs(m.coefficients))), 1e-9)
-    low, high = m.effect.free(frame, m.shape)[m.keys[j - count]]
-    value = float(m.shape[m.keys[j - count]])
-    step = 1e-3 * max(abs(value), 0.02 * (high - low))
-    return step if value + step <= high else -step
 
 
 def is_whole(m: Member) -> bool:
@@ -319,19 +309,6 @@ def _log_prior(ch: Channels, m: Member) -> float:
         if p.prior is not None and p.name in numbers and p.name != "share":
             out -= min(0.5 * ((numbers[p.name] - p.prior[0]) / p.prior[1]) ** 2, 8.0)
     return float(out)
-
-
-def _moved(frame: Any, m: Member, values: Array, share: float) -> Member:
-    """The member on its way to other values, no further than its limits."""
-    point = m.point + share * (values - m.point)
-    limits = m.effect.free(frame, m.shape)
-    for i, key in enumerate(m.keys, start=len(m.coefficients)):
-        low, high = limits[key]
-        old, reach = m.shape[key], 0.25 * (high - low)
-        if low > 0.0:
-            low, high = max(low, 0.5 * old), min(high, 2.0 * old)
-        point[i] = np.clip(point[i], max(low, old - reach), min(high, old + reach))
-    return m.at(point)
 
 
 def begun(ch: Channels, effect: Any, shape: Mapping[str, float], coefficients: Array) -> Member:

@@ -32,7 +32,7 @@ from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
-from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, columns_of, composed
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import (
     AMONG_KNOWN,
@@ -47,7 +47,6 @@ from coaxlink.residual.result import (
 from coaxlink.residual.search.change_point import with_onsets, with_option
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
-from coaxlink.residual.search.trial import columns_of
 
 Progress = Callable[[str], None]
 LEAST_ROWS = 80  # judged rows of a flight
@@ -299,6 +298,6 @@ def _doubted(f: _Flight, c: _Choice) -> _Choice:
 
 def _scales(c: _Choice, f: _Flight) -> Scales:
     q = c.joint.problem  # everything found acts in `c.acting`
-    final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
+    final = solve(q.blocks, columns_of(q), np.ones(q.blocks.count))
     named = dict(zip(q.nuisance_names, final[q.nuisance], strict=True))
     return scales(c.acting, named, q.block, f.reduce)

@@ -62,6 +62,29 @@ class Member:
         free = dict(zip(self.keys, map(float, point[count:]), strict=True))
         return replace(self, shape={**self.shape, **free}, coefficients=np.asarray(point[:count], float))
 
+    def step(self, frame: Any, j: int) -> float:
+        """How far number j of the point is moved for its derivative, inside its limits."""
+        count = len(self.coefficients)
+        if j < count:
+            least = 1e-2 * float(np.max(np.abs(self.coefficients)))
+            return 1e-3 * max(abs(float(self.coefficients[j])), least, 1e-9)
+        low, high = self.effect.free(frame, self.shape)[self.keys[j - count]]
+        value = float(self.shape[self.keys[j - count]])
+        step = 1e-3 * max(abs(value), 0.02 * (high - low))
+        return step if value + step <= high else -step
+
+    def moved(self, frame: Any, values: Array, share: float) -> Member:
+        """A share of the way to other values (K + keys,), no further than its limits."""
+        point = self.point + share * (values - self.point)
+        limits = self.effect.free(frame, self.shape)
+        for i, key in enumerate(self.keys, start=len(self.coefficients)):
+            low, high = limits[key]
+            old, reach = self.shape[key], 0.25 * (high - low)
+            if low > 0.0:  # a scale: no more than doubled or halved at once
+                low, high = max(low, 0.5 * old), min(high, 2.0 * old)
+            point[i] = np.clip(point[i], max(low, old - reach), min(high, old + reach))
+        return self.at(point)
+
     def parameters(self, frame: Any) -> dict[str, float]:
         """Named physical numbers."""
         return self.effect.parameters(frame, self.shape, self.coefficients)
@@ -168,7 +191,7 @@ class Fitter:
         for k, m in enumerate(members):
             point, origin = m.point, m.origin
             for j in range(len(point)):
-                step = self._step(m, j)
+                step = m.step(self.bare, j)
                 moved = point.copy()
                 moved[j] += step
                 others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
@@ -182,17 +205,6 @@ class Fitter:
         )
         return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
 
-    def _step(self, m: Member, j: int) -> float:
-        count = len(m.coefficients)
-        if j < count:
-            return 1e-3 * max(
-                abs(float(m.coefficients[j])), 1e-2 * float(np.max(np.abs(m.coefficients))), 1e-9
-            )
-        low, high = m.effect.free(self.bare, m.shape)[m.keys[j - count]]
-        value = float(m.shape[m.keys[j - count]])
-        step = 1e-3 * max(abs(value), 0.02 * (high - low))
-        return step if value + step <= high else -step
-
     def settle(self, members: Sequence[Member]) -> tuple[Joint, float]:
         """Gauss-Newton from here: the linear problem about the best point, and its held-out square sum."""
         best = self.linear([_thawed(m, self.bare) for m in members])
@@ -202,7 +214,7 @@ class Fitter:
             values = solve(blocks, columns_of(best.problem), np.ones(blocks.count))
             for share in HALVINGS:
                 pairs = zip(best.members, best.problem.options, strict=True)
-                moved = tuple(self._moved(m, values[o.columns], share) for m, o in pairs)
+                moved = tuple(m.moved(self.bare, m.origin + values[o.columns], share) for m, o in pairs)
                 now = self._least(moved)
                 if now < least:
                     break
@@ -230,22 +242,11 @@ class Fitter:
             return np.einsum("rci,rcj->ij", nuisance, nuisance, optimize=True)
         return np.asarray(p.blocks.total[0][p.nuisance[:, None], p.nuisance])
 
-    def _moved(self, m: Member, values: Array, share: float) -> Member:
-        """The member on its way to other values (K + keys,), no further than its limits."""
-        point = m.point + share * (m.origin + values - m.point)
-        limits = m.effect.free(self.bare, m.shape)
-        for i, key in enumerate(m.keys, start=len(m.coefficients)):
-            low, high = limits[key]
-            old, reach = m.shape[key], 0.25 * (high - low)
-            if low > 0.0:  # a scale: no more than doubled or halved at once
-                low, high = max(low, 0.5 * old), min(high, 2.0 * old)
-            point[i] = np.clip(point[i], max(low, old - reach), min(high, old + reach))
-        return m.at(point)
 
-
-def columns_of(p: Problem) -> Index:
-    """All columns of a problem in use: base and every option."""
-    return np.concatenate([p.nuisance, *(o.columns for o in p.options)]).astype(np.intp)
+def columns_of(p: Problem, options: Sequence[Option] | None = None) -> Index:
+    """Columns in use, of the nuisance model and of options: all of the problem's where none are given."""
+    used = p.options if options is None else options
+    return np.concatenate([p.nuisance, *(o.columns for o in used)]).astype(np.intp)
 
 
 def of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:

@@ -17,8 +17,8 @@ from coaxlink.effects.onset import MARGIN_S
 from coaxlink.effects.tracing import Array, Shape
 from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import accumulate
+from coaxlink.residual.regression.joint_model import columns_of
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.search.trial import columns_of
 
 GAIN = 40.0  # of a log-likelihood ratio over the same effect without a beginning, all edges looked at
 EDGE_BLOCKS = 3  # on either side

@@ -15,6 +15,7 @@ from coaxlink.residual.regression.joint_model import (
     Joint,
     Member,
     Part,
+    columns_of,
     fit,
     member,
     needed,
@@ -24,7 +25,6 @@ from coaxlink.residual.regression.joint_model import (
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import Step
 from coaxlink.residual.search.select import Selection
-from coaxlink.residual.search.trial import columns_of
 
 LONG = 200_000  # judged rows times channels: beyond, other forms are not tried
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
@@ -105,4 +105,4 @@ def _leaves(joint: Joint) -> float:
 
 
 def squares_of(p: Problem) -> float:
-    return float(held_out(p.blocks, columns_of(p, list(p.options)))[0].sum())
+    return float(held_out(p.blocks, columns_of(p))[0].sum())

@@ -12,6 +12,7 @@ from scipy.stats import f as f_test
 
 from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 from coaxlink.residual.regression.blocks import held_out, solve, squares
+from coaxlink.residual.regression.joint_model import columns_of
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.regression.schur_complement import SchurComplement
 
@@ -60,11 +61,6 @@ class Trial:
         if self.share < GAIN:
             return f"lowers no channel's held-out squared error by more than {100 * self.share:.1f} %"
         return self.refused
-
-
-def columns_of(problem: Problem, members: list[Option]) -> Index:
-    """Design columns of the nuisance model and the members."""
-    return np.concatenate([problem.nuisance, *(m.columns for m in members)]).astype(np.intp)
 
 
 class Judge:
