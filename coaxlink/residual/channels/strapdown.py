@@ -9,8 +9,6 @@ velocity first. Where the two do not belong together (a sensor that is stuck or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
@@ -19,19 +17,6 @@ from coaxlink.frames import GRAVITY_NED, Array
 ATTITUDE_HZ, CORNER_HZ = 0.04, 0.1
 LEAST_S = 15.0  # of a stretch: shorter ones do not show what drifts
 STRAYS_RAD, STRAYS_M_S, STRAYS_M = 0.03, 0.4, 0.15  # beyond, sensors and estimator do not belong together
-
-
-@dataclass(frozen=True)
-class Smoothed:
-    """Attitude (rows, 3) roll, pitch, yaw; velocity (rows, 3) in the world; and their noise, one sigma.
-
-    `attitude_noise` and `velocity_noise` (3,) are of what is returned, below the judged band's end.
-    """
-
-    attitude: Array
-    velocity: Array
-    attitude_noise: Array
-    velocity_noise: Array
 
 
 def slow_part(values: Array, rate_hz: float, corner_hz: float = CORNER_HZ) -> Array:
