@@ -21,7 +21,7 @@ from typing import Any
 from tracing import Answer, Log, Score, accepted, score, table
 
 PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
-RAISE = ("rival_", "weakest", "bent", "cause", "load")
+RAISE = ("rival_", "weakest", "cause", "load")
 RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
 EITHER_WAY = ("group",)  # of the others, more lowers the probability
 RIDGE = 3.0  # of a weight in standard deviations of its term

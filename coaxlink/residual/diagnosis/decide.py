@@ -121,12 +121,12 @@ def terms_of(candidate: Candidate) -> dict[str, float]:
     for kind, way in product(("free", "cause", "rival") if len(candidate.names) == 1 else (), WAYS):
         most = numbers[f"nothing_{way}"] - float(ODDS)
         numbers[f"{kind}_{way}"] = min(numbers[f"{kind}_{way}"], most)
-    out = {name: numbers[name] for name in ("beside", "bent", "forms", "load", "members")}
+    out = {name: numbers[name] for name in ("beside", "forms", "load", "members")}
     for way in WAYS:
         out[f"rival_{way}"] = numbers[f"rival_{way}"]
         out[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
     out["cause"] = min(numbers[f"cause_{way}"] for way in WAYS)
-    out["weakest"] = min(*(out[f"weakest_{way}"] for way in WAYS), numbers["freed"], numbers["bent"])
+    out["weakest"] = min(*(out[f"weakest_{way}"] for way in WAYS), numbers["freed"])
     out = {name: _scaled(name, value) for name, value in out.items()}
     return out | {"group": float(len(candidate.names) > 1)}
 

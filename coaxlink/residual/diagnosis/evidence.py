@@ -20,6 +20,7 @@ from coaxlink.frames import Array
 
 ROUNDS = 2
 JITTER = 1e-11  # of a diagonal: rounding of the products
+MORE_JITTER = (0.0, 1e-9, 1e-7)  # of it again, where many columns are nearly one: rounding grows with them
 
 
 @dataclass(frozen=True)
@@ -203,9 +204,11 @@ def _precision(gram: Array) -> Array:
 
 
 def _cholesky(gram: Array) -> Array:
+    """Lower factor. Raises LinAlgError where more than rounding keeps the matrix from having one."""
     if not gram.size:
         return gram
-    factor, info = dpotrf(gram, lower=1, clean=1)
-    if info != 0:
-        raise np.linalg.LinAlgError("the normal equations are not positive definite")
-    return np.asarray(factor)
+    for share in MORE_JITTER:
+        factor, info = dpotrf(gram + share * np.diag(np.diagonal(gram)) if share else gram, lower=1, clean=1)
+        if info == 0:
+            return np.asarray(factor)
+    raise np.linalg.LinAlgError("the normal equations are not positive definite")

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.causes import METER, own_cause
 from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, Channels
-from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior, density_by_block
 from coaxlink.residual.regression.joint_model import composed
@@ -65,7 +65,6 @@ class Features:
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
         numbers["load"] = float(np.log(max(rms[c] / ch.reference[c], 1e-6) / EFFECT_SIZE))
         numbers["freed"] = self._freed(name) if others else MOST
-        numbers["bent"] = self._bent(name)
         # what else it took to explain the log: a log that is not understood tells less
         numbers["members"] = float(len(lead.members))
         numbers["forms"] = float(sum(f not in mine for f in lead.forms))
@@ -159,24 +158,6 @@ class Features:
             free.linearised(x, lead.forms, lead.fit.noise, share=lead.share)[0] for x in (lead.members, rest)
         )
         return float(both_of.score - alone.score)
-
-    def _bent(self, name: str) -> float:
-        """Nats of a name over a map of the pair that bends more, in its place."""
-        if self.bent is None:
-            return MOST
-        rest = [m for m in self.lead.members if m.name != name]
-        other, _ = self.bent.linearised(rest, self.lead.forms, self.lead.fit.noise, share=self.lead.share)
-        return float(self.lead.score - other.score - ODDS)
-
-    @cached_property
-    def bent(self) -> Scorer | None:
-        """The log with a map that bends more."""
-        blocks = self.ch.bent()
-        return (
-            Scorer(replace(self.ch, surface=(*self.ch.surface, *blocks)), self.lead.colour)
-            if blocks
-            else None
-        )
 
 
 def _curve(cause: Array) -> tuple[Array, Array]:

@@ -182,7 +182,10 @@ class Search:
             return old
         # what betters the set that it comes from is always taken to its best
         hopeless = min(self.visited.best.score - FAR - HOPELESS, h.score) if old is None else old.score - FAR
-        new = self.scorer.score(tuple(members), tuple(forms), h.fit.noise, hopeless)
+        try:
+            new = self.scorer.score(tuple(members), tuple(forms), h.fit.noise, hopeless)
+        except np.linalg.LinAlgError:  # its numbers went where nothing can be worked out: no set of this log
+            return h
         self.visited.add(new)
         return new
 

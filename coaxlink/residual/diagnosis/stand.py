@@ -10,6 +10,8 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.effects import stand_effects
+from coaxlink.effects.blade_speed_law import EFFECT as BLADE_SPEED_LAW
+from coaxlink.effects.blade_speed_law import SLOWEST_POWER, growth
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
@@ -32,18 +34,13 @@ RESOLUTION = 2e-4  # of the reference load: 1 in 5000 divisions of a cell of cla
 MAP_SIZE, MAP_LENGTH = 0.02, 0.35
 GIVEN_MAP_SIZE = 0.01  # of a given model, beside its level and tilt
 DRIVE_MAP_SIZE = 0.01
-# and how far a pair's loads bend away from second-order polynomials over all speeds (Reynolds number and the
-# tips' Mach number: 5 % of a load from a fifth of the speed to all of it)
-BEND_SIZE, BEND_LENGTH = 0.05, 0.7
-# the same of another pair, which a name is held against: blades below a Reynolds number of 1e5 (Deters,
-# Ananda and Selig 2014) change their loads by a tenth within a quarter of the speed
-BENT_SIZE, BENT_LENGTH = 0.1, 0.25
+LAW_POINTS = 5  # of the integral over the prior of `speed_law` (Gauss and Hermite: exact to the ninth order)
 # what the wake makes of a lower rotor, over the ratio of both speeds: correlation length; size over the load
 # and how slowly it changes with both speeds at one ratio (Reynolds number), in ranges. Blade-element pairs of
 # two makers against polynomials of fourth order: lower torque off by 1 to 11 % rms, bending within a tenth of
 # the range where the lower rotor is slow. Which of these a log asks for is by its marginal likelihood
 RATIO_LENGTHS = (0.03, 0.06, 0.1)
-RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4))
+RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4), (0.6, 0.4))
 REST, REST_SIZE = 0.005, 0.1  # of normalised speed; of the load, judgement: at rest is not slow
 FORM_SIZES = (0.01, 0.04)  # free forms, judgement: size over the reference load
 BOTH_SPEEDS = "upper_speed & lower_speed"
@@ -67,7 +64,8 @@ def stand_channels(
     names = tuple(STAND_CHANNELS[c] for c in present)
     able, unable = possible(frame, stand_effects())
     weights = np.abs(reduce(frame.predicted))
-    mapped = np.hypot(weights, reduce(_wake(frame)))
+    wake = np.abs(reduce(_wake(frame)))
+    mapped = np.hypot(weights, wake)
     u = frame.speeds[keep]
     drive = u if frame.throttles is None else frame.throttles[keep]
     speeds = {
@@ -92,9 +90,8 @@ def stand_channels(
         speeds=speeds,
         weights=weights,
         nuisance=tuple(_nuisance(frame, reduce, reference)),
-        surface=tuple(_surface(frame, present, mapped, u, drive)),
+        surface=tuple(_surface(frame, present, mapped, wake, u, drive)),
         maps=_maps(frame, present, mapped, u),
-        bent=partial(bent_maps, frame, present, mapped, u) if frame.free_nuisance else tuple,
         forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
         effects=tuple(able),
         reduce=reduce,
@@ -145,7 +142,7 @@ def _nuisance(frame: StandFrame, reduce: Callable[[Array], Array], reference: Ar
 
 
 def _surface(
-    frame: StandFrame, present: Sequence[int], weights: Array, u: Array, drive: Array
+    frame: StandFrame, present: Sequence[int], weights: Array, wake: Array, u: Array, drive: Array
 ) -> list[Block]:
     """The smooth part of the map: over a rotor's own speed, of the lower one over both."""
     out = []
@@ -160,56 +157,53 @@ def _surface(
         process = process[0], process[1] * size
         weight = weights[:, k]
         if frame.free_nuisance and c < 4:
-            slow = waves(own, BEND_LENGTH)
-            bend = slow[0], slow[1] * BEND_SIZE
-            out.append(in_channel(f"{STAND_CHANNELS[c]} bend", bend, weight, k, len(present)))
+            out.append(in_channel(f"{STAND_CHANNELS[c]} law", speed_law(own), weight, k, len(present)))
+            if c > 1 and np.ptp(other) > 0.0:  # the wake is what the upper blades make of it
+                name = f"{STAND_CHANNELS[c]} wake law"
+                out.append(in_channel(name, speed_law(other), wake[:, k], k, len(present)))
         out.append(in_channel(f"{STAND_CHANNELS[c]} map", process, weight, k, len(present)))
     return out
 
 
+def speed_law(own: Array) -> tuple[Array, Array]:
+    """(rows, K) functions of a rotor's own speed and their deviations: how its blades' loads follow Reynolds
+    number.
+
+    Every pair has such a law, and where no model is given it is the map's: `blade_speed_law`'s own power of
+    speed, under the priors of its two numbers, both integrated out.
+    """
+    priors = {p.name: p.prior for p in BLADE_SPEED_LAW.parameters if p.prior is not None}
+    (power, spread), (_, size) = priors["power"], priors["exponent_change"]
+    points, weights = np.polynomial.hermite_e.hermegauss(LAW_POINTS)
+    powers = np.clip(power + spread * points, SLOWEST_POWER, None)
+    functions = np.stack([growth({"power": float(p)}, own) for p in powers], axis=1)
+    return functions, size * np.sqrt(weights / weights.sum())
+
+
 def _maps(
     frame: StandFrame, present: Sequence[int], weights: Array, u: Array
-) -> dict[str, Callable[[], tuple[Block, ...]]]:
-    """Discrepancies of the map that a log may ask for beside the smooth one, by name.
+) -> dict[str, dict[str, Callable[[], Block]]]:
+    """Discrepancies of the map that a log may ask for beside the smooth one, by channel and sizes.
 
     Of lower loads over the ratio: blades of one pair in one air see the same angles at the same ratio
-    (similarity, Leishman 2006, ch. 2). Of a nuisance fitted to the log also over a rotor's own speed.
+    (similarity, Leishman 2006, ch. 2).
     """
-    lower = [(k, c) for k, c in enumerate(present) if c in (2, 3)]
-    ratios: list[tuple[float, ...]] = [()]
-    if lower and min(np.ptp(u, axis=0)) > 0.0:
-        ratios += [(length, size, slow) for length in RATIO_LENGTHS for size, slow in RATIO_SIZES]
+    if min(np.ptp(u, axis=0)) <= 0.0:
+        return {}
 
-    def blocks(ratio: tuple[float, ...], bent: bool) -> tuple[Block, ...]:
-        out = bent_maps(frame, present, weights, u) if bent else ()
-        if not ratio:
-            return out
-        over, count = _over_ratio(u, *ratio), len(present)
-        name = "{} ratio map"
-        own = (in_channel(name.format(STAND_CHANNELS[c]), over, weights[:, k], k, count) for k, c in lower)
-        return (*out, *own)
+    def block(k: int, length: float, size: float, slow: float) -> Block:
+        over, name = _over_ratio(u, length, size, slow), f"{STAND_CHANNELS[present[k]]} ratio map"
+        return in_channel(name, over, weights[:, k], k, len(present))
 
     return {
-        "|".join([*(("ratio", *map(str, ratio)) if ratio else ()), *(["bent"] if bent else [])]): partial(
-            blocks, ratio, bent
-        )
-        for ratio in ratios
-        for bent in ([False, True] if frame.free_nuisance else [False])
-        if ratio or bent
+        STAND_CHANNELS[c]: {
+            f"ratio|{length}|{size}|{slow}": partial(block, k, length, size, slow)
+            for length in RATIO_LENGTHS
+            for size, slow in RATIO_SIZES
+        }
+        for k, c in enumerate(present)
+        if c in (2, 3)
     }
-
-
-def bent_maps(frame: StandFrame, present: Sequence[int], weights: Array, u: Array) -> tuple[Block, ...]:
-    """Over a rotor's own speed, how a pair's map may bend: what names are held against where no model is
-    given.
-    """
-    out = []
-    for k, c in enumerate(present):
-        if c < 4 and np.ptp(u[:, c // 2]) > 0.0:
-            f, d = waves(u[:, c // 2], BENT_LENGTH)
-            name = f"{STAND_CHANNELS[c]} bent map"
-            out.append(in_channel(name, (f, d * BENT_SIZE), weights[:, k], k, len(present)))
-    return tuple(out)
 
 
 def _over_ratio(u: Array, length: float, size: float, slow: float) -> tuple[Array, Array]:

@@ -13,13 +13,13 @@ KINDS = [
 
 
 def said(nats, **more):
-    numbers = dict.fromkeys((*KINDS, "freed", "bent"), nats)
+    numbers = dict.fromkeys((*KINDS, "freed"), nats)
     usual = {"beside": 0.0, "load": -1.0, "members": 1.0, "forms": 0.0}
     return probability("name", terms_of(Candidate(("air_density",), numbers | usual | more)))
 
 
 def test_every_trained_term_is_worked_out():
-    numbers = dict.fromkeys((*KINDS, "freed", "bent", "beside", "load", "members", "forms"), 1.0)
+    numbers = dict.fromkeys((*KINDS, "freed", "beside", "load", "members", "forms"), 1.0)
     assert set(calibration()["name"]["weights"]) <= set(terms_of(Candidate(("x",), numbers)))
     opened = dict.fromkeys(("raw", "own", "tempered", "steady", "agree"), 1.0)
     assert set(calibration()["open"]["weights"]) == set(opened_terms(opened))
@@ -36,11 +36,11 @@ def test_one_rival_that_is_level_is_enough_to_withhold_a_name(kind):
     assert said(300.0, **level) < calibration()["level"]["name"]
 
 
-@pytest.mark.parametrize("weaker", [{"freed": 0.0}, {"bent": 0.0}, {"forms": 3.0}])
+@pytest.mark.parametrize("weaker", [{"freed": 0.0}, {"forms": 3.0}])
 def test_what_speaks_against_a_name_lowers_its_probability(weaker):
     assert said(100.0, **weaker) < said(100.0)
 
 
 def test_that_no_rival_was_worth_a_visit_is_no_evidence_for_a_weak_name():
     unvisited = {f"{kind}_{way}": MOST for kind in ("free", "cause", "rival") for way in WAYS}
-    assert said(8.0, **unvisited, freed=MOST, bent=MOST) < calibration()["level"]["name"]
+    assert said(8.0, **unvisited, freed=MOST) < calibration()["level"]["name"]

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from coaxlink.residual.diagnosis.evidence import _cholesky as cholesky
 from coaxlink.residual.diagnosis.evidence import by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.noise import colour_of
 from coaxlink.residual.diagnosis.parts import products, waves
@@ -115,3 +116,13 @@ def test_a_wander_beside_white_noise_is_foretold_and_a_trend_is_none():
     kept = colour.whiten(trend[:, None])[500:, 0]
     assert np.ptp(kept) > 0.0  # what a noise that forgets foretells of a trend leaves the trend's slope
     assert colour_of(random.normal(size=(rows, 1))).size == 0
+
+
+def test_rounding_alone_costs_no_factor_and_what_is_no_matrix_of_products_has_none():
+    column = np.linspace(0.0, 1.0, 30)
+    gram = 1e9 * np.outer(column, column) + np.eye(30) * 1e-9  # below what rounding leaves of the diagonal
+    gram[3, 3] -= 1e-4
+    factor = cholesky(gram)
+    np.testing.assert_allclose(factor @ factor.T, gram, atol=1e-6 * gram.max())
+    with pytest.raises(np.linalg.LinAlgError):
+        cholesky(np.diag([1.0, -1.0]))

@@ -6,6 +6,7 @@ The rig is that of tests/helpers and shares nothing with coaxlink.
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,10 @@ from scipy.signal import lfilter
 
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.residual import refine_stand
+from coaxlink.residual.diagnosis.stand import speed_law
+from sim.physics.rotors import read_pair
 
 
 @pytest.mark.slow
@@ -62,6 +66,37 @@ def test_what_a_pair_does_over_the_ratio_of_its_speeds_is_its_map_and_no_effect(
     assert (answer.effects, answer.ambiguous, answer.suspect_data) == ((), (), ())
     assert answer.unexplained == ()
     assert "lower_torque" in {s.channel for s in answer.surface}
+
+
+def test_where_no_model_is_given_how_blades_follow_reynolds_number_is_the_map():
+    own = np.linspace(0.05, 1.0, 60)
+    functions, deviations = speed_law(own)
+    for power in (-0.45, 0.2):  # of the lift slope: measured on small blades
+        share = own**power - 1.0
+        precision = (functions * deviations).T @ (functions * deviations) + 1e-4 * np.eye(len(deviations))
+        numbers = np.linalg.solve(precision, (functions * deviations).T @ share)
+        assert np.std(share - functions @ (deviations * numbers)) < 0.01
+        assert np.linalg.norm(numbers) < 3.33  # of what the prior draws, 95 % (chi-square of five)
+
+
+def blades(seed):
+    """Two blades whose lift slope falls as the speed to -0.45, ramps, cells that wander; nothing hidden."""
+    random, pair = np.random.default_rng(seed), read_pair(Path("kde5215_bemt"))
+    ramp = np.concatenate([np.linspace(0.0, 0.9, 70), np.linspace(0.9, 0.0, 70)])
+    a = np.concatenate([ramp, ramp, 0.35 + 0 * ramp, 0.8 + 0 * ramp])
+    b = np.concatenate([ramp, 0.5 + 0 * ramp, ramp, ramp])
+    loads = pair.loads(a, b)
+    full = np.quantile(np.abs(loads), 0.95, axis=1)[:, None]
+    wander = lfilter([1.0], [1.0, -0.96], random.standard_normal((4, 2 * len(a))), axis=1)[:, len(a) :]
+    loads = loads + 0.002 * full * (random.standard_normal(loads.shape) + wander / np.std(wander))
+    columns = {"time_s": 0.1 * np.arange(len(a)), "upper_throttle": a, "lower_throttle": b}
+    return columns | dict(zip((load.column for load in Load), loads, strict=True))
+
+
+@pytest.mark.slow
+def test_of_clean_blades_of_another_pair_nothing_is_said():
+    answer = refine_stand(Samples(blades(7), "blades.csv"))
+    assert (answer.effects, answer.ambiguous, answer.suspect_data, answer.unexplained) == ((), (), (), ())
 
 
 @pytest.mark.slow
