@@ -41,9 +41,9 @@ class Channels:
     reduce: Callable[[Array], Array]
     notes: tuple[str, ...] = ()
     impossible: tuple[tuple[str, str], ...] = ()
-    # discrepancies of the rotor map beyond `surface`, by channel and sizes; `map` names those that are in
-    maps: Mapping[str, Mapping[str, Callable[[], Block]]] = field(default_factory=dict)
-    map: Mapping[str, str] = field(default_factory=dict)  # at most one of a channel
+    # discrepancies of the rotor map beyond `surface`, by name: one of them, or none, is in every hypothesis
+    maps: Mapping[str, Callable[[], tuple[Block, ...]]] = field(default_factory=dict)
+    map: str = ""
     grid: list[tuple[Tracing[Any], Shape, Array]] = field(default_factory=list)  # filled by the first search
 
     @property
@@ -51,10 +51,10 @@ class Channels:
         """Number of channels."""
         return len(self.names)
 
-    def with_map(self, names: Mapping[str, str]) -> Channels:
-        """With other discrepancies of the map, at most one of a channel."""
-        own = self.surface[: len(self.surface) - len(self.map)]
-        return replace(self, surface=(*own, *(self.maps[c][n]() for c, n in names.items())), map=names)
+    def with_map(self, name: str) -> Channels:
+        """With another of the map's discrepancies; "": none."""
+        own = self.surface[: len(self.surface) - (len(self.maps[self.map]()) if self.map else 0)]
+        return replace(self, surface=(*own, *(self.maps[name]() if name else ())), map=name)
 
     def usual(self, columns: Array) -> Array:
         """(K,) prior deviations of an effect's coefficients: what makes EFFECT_SIZE of the reference load."""

@@ -13,7 +13,7 @@ from coaxlink.residual.diagnosis.answer import answered, refused
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided
 from coaxlink.residual.diagnosis.faults import weighed_faults
-from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
 from coaxlink.residual.diagnosis.noise import Colour, white
 from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import Search
@@ -78,26 +78,21 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
 
 
 def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Channels:
-    """The channels with the sizes of the map's discrepancy of most evidence, beside nothing and beside a
-    set's effects.
+    """The channels with the map's discrepancy of most evidence, beside nothing and beside a set's effects.
 
-    A discrepancy is no effect, whose being there has odds: every size is as likely. Of a given model none is
-    one of them; what is fitted to the log itself always misses something.
+    What is fitted to the log itself always misses something, in one size or another. Of fifty given models
+    one does, as one of fifty logs shows an effect; its sizes and lengths share these odds.
     """
-
-    def score(tried: Channels) -> float:
-        scorer = Scorer(tried, colour)
-        alone = scorer.empty.score
-        if best is None or not best.members:
-            return alone
-        return max(alone, scorer.linearised(best.members, (), best.fit.noise, share=best.share)[0].score)
-
-    for channel, sizes in ch.maps.items():
-        others = {c: n for c, n in ch.map.items() if c != channel}
-        tried = [] if ch.bare.free_nuisance else [ch.with_map(others)]
-        tried += [ch.with_map({**others, channel: name}) for name in sizes]
-        ch = max(tried, key=score)
-    return ch
+    if not ch.maps:
+        return ch
+    scores = {}
+    for name in ch.maps if ch.bare.free_nuisance else ("", *ch.maps):
+        scorer = Scorer(ch.with_map(name), colour)
+        score = scorer.empty.score
+        if best is not None and best.members:
+            score = max(score, scorer.linearised(best.members, (), best.fit.noise, share=best.share)[0].score)
+        scores[name] = score + (float(ODDS) - np.log(len(ch.maps)) if name else 0.0)
+    return ch.with_map(max(scores, key=lambda name: scores[name]))
 
 
 def _same(a: Colour, b: Colour) -> bool:

@@ -40,7 +40,7 @@ LAW_POINTS = 5  # of the integral over the prior of `speed_law` (Gauss and Hermi
 # two makers against polynomials of fourth order: lower torque off by 1 to 11 % rms, bending within a tenth of
 # the range where the lower rotor is slow. Which of these a log asks for is by its marginal likelihood
 RATIO_LENGTHS = (0.03, 0.06, 0.1)
-RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4), (0.6, 0.4))
+RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4))
 REST, REST_SIZE = 0.005, 0.1  # of normalised speed; of the load, judgement: at rest is not slow
 FORM_SIZES = (0.01, 0.04)  # free forms, judgement: size over the reference load
 BOTH_SPEEDS = "upper_speed & lower_speed"
@@ -182,27 +182,26 @@ def speed_law(own: Array) -> tuple[Array, Array]:
 
 def _maps(
     frame: StandFrame, present: Sequence[int], weights: Array, u: Array
-) -> dict[str, dict[str, Callable[[], Block]]]:
-    """Discrepancies of the map that a log may ask for beside the smooth one, by channel and sizes.
+) -> dict[str, Callable[[], tuple[Block, ...]]]:
+    """Discrepancies of the map that a log may ask for beside the smooth one, by name.
 
     Of lower loads over the ratio: blades of one pair in one air see the same angles at the same ratio
-    (similarity, Leishman 2006, ch. 2).
+    (similarity, Leishman 2006, ch. 2), so thrust and torque have it alike.
     """
-    if min(np.ptp(u, axis=0)) <= 0.0:
+    lower = [(k, c) for k, c in enumerate(present) if c in (2, 3)]
+    if not lower or min(np.ptp(u, axis=0)) <= 0.0:
         return {}
 
-    def block(k: int, length: float, size: float, slow: float) -> Block:
-        over, name = _over_ratio(u, length, size, slow), f"{STAND_CHANNELS[present[k]]} ratio map"
-        return in_channel(name, over, weights[:, k], k, len(present))
+    def blocks(length: float, size: float, slow: float) -> tuple[Block, ...]:
+        over, count, name = _over_ratio(u, length, size, slow), len(present), "{} ratio map"
+        return tuple(
+            in_channel(name.format(STAND_CHANNELS[c]), over, weights[:, k], k, count) for k, c in lower
+        )
 
     return {
-        STAND_CHANNELS[c]: {
-            f"ratio|{length}|{size}|{slow}": partial(block, k, length, size, slow)
-            for length in RATIO_LENGTHS
-            for size, slow in RATIO_SIZES
-        }
-        for k, c in enumerate(present)
-        if c in (2, 3)
+        f"ratio|{length}|{size}|{slow}": partial(blocks, length, size, slow)
+        for length in RATIO_LENGTHS
+        for size, slow in RATIO_SIZES
     }
 
 
