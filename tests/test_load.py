@@ -1,7 +1,6 @@
 """One spelling of a load: `Load` has it, files and logs keep theirs through it."""
 
 import ast
-import doctest
 import re
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 import coaxlink
-from coaxlink import load as module
 from coaxlink.files import example
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS
 from coaxlink.load import Load, of_rotor
@@ -40,7 +38,6 @@ def test_files_logs_and_results_keep_their_spellings():
     assert [load.label for load in of_rotor(1)] == ["lower thrust, N", "lower torque, N m"]
     assert all(Load.of(name) is load for load in Load for name in (load.key, load.column, load.channel))
     assert all(load.partner.partner is load and load.partner.quantity == load.quantity for load in Load)
-    assert doctest.testmod(module).failed == 0
 
 
 def test_a_load_is_the_place_in_arrays_and_the_surface_of_a_model():

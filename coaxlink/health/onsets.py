@@ -59,7 +59,7 @@ class Onset:
     def time_profile(self, time_s: Array, cutoff_hz: float) -> Array:
         """(n,) 0 before it, 1 with all of it there; an edge as the rows' low-pass leaves it.
 
-        >>> Onset(2.0, 4.0, 1.0).time profile(np.array([0.0, 2.0, 4.0, 6.0, 8.0]), 4.0).tolist()
+        >>> Onset(2.0, 4.0, 1.0).time_profile(np.array([0.0, 2.0, 4.0, 6.0, 8.0]), 4.0).tolist()
         [0.0, 0.0, 0.5, 1.0, 1.0]
         """
         if self.start_s is None:
@@ -98,7 +98,7 @@ def variants(known: Sequence[Onset], at: Onset) -> tuple[Onset, ...]:
     """`at` split into parts with its prior: a sudden one with those beside it in time, a gradual one alone.
 
     >>> three = [Onset(s, 0.0, 0.3, 1.0) for s in (0.5, 1.5, 2.5)]
-    >>> [round(o.middle_s, 1) for o in finer(three, three[0])][:6]
+    >>> [round(o.middle_s, 1) for o in variants(three, three[0])][:6]
     [0.1, 0.3, 0.5, 0.7, 0.9, 1.1]
     """
     out: list[Onset] = []
