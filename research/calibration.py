@@ -72,7 +72,7 @@ SMALL = ("ringing", "wandering")  # what an answer costs hangs on what it finds:
 
 def coloured(name: str, seed: int, number: int) -> tuple[dict[str, Array], str | None, str]:
     """Columns, the rotor file that is given, and what was added to each load."""
-    from blind_worlds import make_stand
+    from worlds.own import make_stand
 
     kind = list(COLOURS).index(name)
     world = make_stand((), 100_000 * (seed + 1) + number * len(COLOURS) + kind, 0.0)

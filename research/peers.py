@@ -25,9 +25,9 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import blind_worlds as worlds
 import numpy as np
 from numpy.typing import NDArray
+from worlds import own as worlds
 
 from coaxlink import files
 from coaxlink.data import Samples
@@ -86,7 +86,7 @@ def logs(effects: Iterable[str], seeds: int, clean: int) -> Iterator[tuple[str, 
                 yield hidden, made
 
 
-def tasks(frame: StandFrame) -> list[tuple[int, Task]]:
+def tasks(frame: StandFrame, most_rows: int) -> list[tuple[int, Task]]:
     """The residual of every channel that was measured, against every variable."""
     columns = {"upper": frame.speeds[:, 0], "lower": frame.speeds[:, 1]}
     for side, values in (("upper", frame.speeds[:, 0]), ("lower", frame.speeds[:, 1])):
@@ -96,7 +96,7 @@ def tasks(frame: StandFrame) -> list[tuple[int, Task]]:
             columns[name] = column
     varied = {n: v for n, v in columns.items() if np.std(v) > 1e-9}
     x = np.stack([(v - v.mean()) / v.std() for v in varied.values()], axis=1)
-    step = max(1, len(x) // MOST_ROWS)
+    step = max(1, len(x) // most_rows)
     fold = (frame.block % FOLDS)[::step]
     left = frame.measured - frame.predicted
     return [(c, Task(x[::step], tuple(varied), left[::step, c], fold)) for c in frame.present]
@@ -230,7 +230,7 @@ def ours(hidden: str, made: worlds.Made) -> dict[str, object]:
     }  # fmt: skip
 
 
-def judge(hidden: str, made: worlds.Made) -> dict[str, dict[str, object]]:
+def judge(hidden: str, made: worlds.Made, most_rows: int = MOST_ROWS) -> dict[str, dict[str, object]]:
     """One log through everyone."""
     samples = Samples({k: np.asarray(v, float) for k, v in made.columns.items()}, "blind")
     model = load_rotor_model(files.example(str(made.rotor)))
@@ -241,7 +241,7 @@ def judge(hidden: str, made: worlds.Made) -> dict[str, dict[str, object]]:
     out: dict[str, dict[str, object]] = {}
     for name, peer in PEERS.items():
         start, over, claims = time.process_time(), [1.0], []
-        for c, task in tasks(frame):
+        for c, task in tasks(frame, most_rows):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 answer = peer(task)
@@ -264,7 +264,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=1, help="logs of each effect")
     parser.add_argument("--clean", type=int, default=8)
-    parser.add_argument("--small", action="store_true", help="one log with an effect")
+    parser.add_argument("--small", action="store_true", help="a hundred rows of one log")
     parser.add_argument("--json", type=Path, help="kept log by log, and gone on with")
     a = parser.parse_args()
     if importlib.util.find_spec("pysindy") is None:
@@ -275,7 +275,7 @@ def main() -> None:
     for k, (hidden, made) in enumerate(run):
         if k < len(judged):
             continue
-        judged.append({"hidden": hidden, "answers": judge(hidden, made)})
+        judged.append({"hidden": hidden, "answers": judge(hidden, made, 100 if a.small else MOST_ROWS)})
         said = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in judged[-1]["answers"].items())
         print(f"# {hidden or 'clean'}: {said}", flush=True)
         if a.json:

@@ -9,7 +9,7 @@ numbers.
     python research/tracing.py --small
 
 A SET is a folder with a `truth.json` (`../shared/worlds/closed1/stand`), or an author and seeds: `own:0-2`
-and `sim:0-2` (`blind_worlds`: our stands, the bench and the flights of `sim`), `one:11`, `two:3`
+and `sim:0-2` (`worlds/own.py`: our stands, the bench and the flights of `sim`), `one:11`, `two:3`
 (`../shared/worlds/authors`), or a folder of `research/worlds` (`author3:1`). What a generator writes is kept
 in `--folder`, and so is every answer, under the method's hash or a name; the same command goes on.
 
@@ -173,9 +173,9 @@ def _of_two(kind: str, seed: int, root: Path) -> dict[str, Truth]:
 
 
 def _ours(author: str, kind: str, seed: int, root: Path, only: Collection[str]) -> dict[str, Truth]:
-    """`own`: the stand of `blind_worlds`; `sim`: the bench and the flights of `sim`, by its other laws."""
-    import blind_worlds as worlds
+    """`own`: the stand of `worlds/own.py`; `sim`: the bench and the flights of `sim`, by its other laws."""
     import numpy as np
+    from worlds import own as worlds
 
     from sim.flights import write_flight
 

@@ -1,4 +1,4 @@
-"""Hidden worlds for `tracing.py`, drawn from a seed; nothing here knows of `coaxlink`.
+"""Our own hidden worlds for `tracing.py`, drawn from a seed; nothing here knows of `coaxlink`.
 
 *Stand*: a pair on a thrust stand by laws that are neither `sim`'s nor the analysis's: battery, motor, air,
 blades, cells, and things of no physics. Rotor pair, schedule, rate, noise and logged columns vary. An effect
@@ -32,7 +32,7 @@ from sim.truth import FORMS, read_truth
 from sim.vehicle import read_vehicle
 
 Array = NDArray[np.float64]
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @dataclass(frozen=True)
