@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +11,8 @@ from firmware_params import bounded
 from firmware_params.keys import unknown_key
 from firmware_params.plain import plain
 from sim.errors import WorldError
+
+LARGEST = 1e9  # in SI units; nothing of a vehicle is larger, and an autopilot's singles hold it
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -31,9 +32,10 @@ def refuse_unknown(path: Path, where: str, table: dict[str, Any], known: Iterabl
 
 
 def read_number(path: Path, where: str, value: object) -> float:
-    """`value` as a finite float. Raises WorldError naming the key."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise WorldError(path, where, f"a finite number is expected, found {plain(repr(value), 80)}")
+    """`value` as a float within LARGEST. Raises WorldError naming the key."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+        problem = f"a number within {LARGEST:g} is expected, found {plain(repr(value), 80)}"
+        raise WorldError(path, where, problem)
     return float(value)
 
 

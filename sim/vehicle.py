@@ -71,6 +71,8 @@ def read_vehicle(path: Path) -> SimVehicle:
     axis = np.array(
         [_vector(path, f"rotors[{t['number']}].axis", t.get("axis", [0, 0, -1])) for t in ordered]
     )
+    if not np.all(np.linalg.norm(axis, axis=1) > 1e-6):
+        raise WorldError(path, "rotors.axis", "a direction is expected, found none of any length")
     lag = read_number(path, "motor_lag_s", document.get("motor_lag_s", 0.0))
     rotor = document.get("rotor_model")
     mass = read_number(path, "mass_kg", document.get("mass_kg"))

@@ -15,6 +15,7 @@ from sim.physics.rotors import read_pair
 from sim.stand.effects import read_bench
 from sim.stand.schedule import read_schedule
 from sim.truth import read_truth
+from sim.vehicle import read_vehicle
 from sim.world import World, build
 
 PIECE = "[[pieces]]\nseconds = 5\n"
@@ -47,7 +48,10 @@ BAD = [  # reader, text, what the error names
     (read_pair, ROTOR + '"u_u^2" = "x"', "upper.thrust_N.u_u^2"),
     (read_pair, ROTOR + '"u_q" = 1', "upper.thrust_N.u_q"),
     (read_pair, ROTOR + '"u_u^9" = 1', "powers up to"),
-    (read_pair, ROTOR + '"u_u" = nan', "finite"),
+    (read_pair, ROTOR + '"u_u" = nan', "found nan"),
+    (read_pair, ROTOR + '"u_u" = 1e39', "within 1e+09"),
+    (read_vehicle, X8.read_text().replace("0.1807", "1e39"), "position_m"),
+    (read_vehicle, X8.read_text().replace("spin =", "axis = [0, 0, 0]\nspin ="), "rotors.axis"),
     (read_pair, BEMT, "blades"),
     (read_pair, BEMT + "[blades]\nradius_m = 1.0", "blades"),
     (read_pair, BEMT + "[blades]\nwings = 2", "blades"),
