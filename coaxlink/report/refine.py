@@ -37,14 +37,19 @@ def verdict(result: Refinement) -> str:
         return "no known effect explains what is left"
     if result.surface:
         return f"no effect found, but the loads are no polynomials of the speeds: {surface(result)}"
-    coloured = [name for name, c in result.channels.items() if c.rmse_after > COLOURED * c.noise_floor]
-    if coloured:
-        times = max(result.channels[name].rmse_after / result.channels[name].noise_floor for name in coloured)
+    if times_floor := above_floor(result):
+        times = max(times_floor.values())
         return (
-            f"no effect found: what is left of {', '.join(coloured)}, up to {times:.1f} times the scatter of "
-            "neighbouring rows, hangs together in time as gusts and ringing do, or is too small to matter"
+            f"no effect found: what is left of {', '.join(times_floor)}, up to {times:.1f} times the scatter "
+            "of neighbouring rows, hangs together in time as gusts and ringing do, or is too small to matter"
         )
     return "nothing to explain: the residual is at the noise floor"
+
+
+def above_floor(result: Refinement) -> dict[str, float]:
+    """Channels that are left with more than the scatter of neighbouring rows: how many times it."""
+    times = {name: c.rmse_after / c.noise_floor for name, c in result.channels.items() if c.noise_floor > 0.0}
+    return {name: t for name, t in times.items() if t > COLOURED}
 
 
 def _most(result: Refinement) -> str:

@@ -19,7 +19,7 @@ from coaxlink.live.counts import Counters
 
 
 def answer(*effects, **rest):
-    parts = {"suspect_data": (), "ambiguous": (), "unexplained": ()} | rest
+    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "channels": {}} | rest
     return SimpleNamespace(effects=[SimpleNamespace(name=n) for n in effects], **parts)
 
 
@@ -62,6 +62,13 @@ def test_other_answers():
             with case(f"{found}, {said}"):
                 line = after_refine(found, None, True)
                 assert said in line and "\n" not in line
+
+
+def test_what_is_left_above_the_noise_is_not_said_to_be_explained():
+    left = {"torque_x": SimpleNamespace(rmse_after=0.02, noise_floor=0.001)}
+    line = after_refine(answer(channels=left), None, True)
+    assert line == "next: a flight in calm air would show what is in torque_x; no model was changed"
+    assert "explains these data" in after_refine(answer(), None, True)
 
 
 def test_every_effect_can_be_put_into_a_table_or_says_why_not():

@@ -23,6 +23,8 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
 
     `airframe` is the file that the user named, None if none.
     """
+    from coaxlink.report.refine import above_floor
+
     names = [effect.name for effect in result.effects]
     for doubt in result.ambiguous:
         if doubt.names[0].startswith("degraded_rotor"):
@@ -41,6 +43,9 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
         first = result.unexplained[0]
         more = "flights" if flight else "sweeps"
         return f"next: {more} that vary {', '.join(first.depends_on)} alone; no model was changed"
+    if left := above_floor(result):
+        calm = "a flight in calm air" if flight else "a slower run"
+        return f"next: {calm} would show what is in {', '.join(left)}; no model was changed"
     return "next: nothing to mend; the model explains these data to their noise"
 
 
