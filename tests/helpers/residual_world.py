@@ -22,6 +22,14 @@ MASS, INERTIA = 20.0, np.array([0.92, 0.95, 1.60])
 SUPPLY = 25.0
 G = 9.80665
 RATE = 250.0
+AHEAD, BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])  # axes of a cross product
+
+
+def cross(a, b):
+    """As np.cross, in a third of its time."""
+    product = a[..., AHEAD] * b[..., BEHIND]
+    product -= a[..., BEHIND] * b[..., AHEAD]
+    return product
 
 
 def rotor_loads(u):
@@ -135,7 +143,7 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         thrust = thrust * (1.0 + begun * (sick - 1.0))
         torque = torque * (1.0 + 0.4 * begun * (sick - 1.0))
         air = np.einsum("bji,bj->bi", R, v - wind - gust)
-        hub = air[:, None, :] + np.cross(w[:, None, :], PLACE - (begun * shift)[:, None, :])
+        hub = air[:, None, :] + cross(w[:, None, :], PLACE - (begun * shift)[:, None, :])
         thrust = thrust * (1 / (1 - inflow[:, None] * hub[:, :, 2] / 4.0))
         height = np.maximum(-p[:, 2], 0.05)
         thrust = thrust * (1 + ground / (1 + (height / 0.45) ** 2.5))[:, None]
@@ -153,9 +161,9 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
             moment[:, 2] -= (momentum - momentum_before) / dt
         H = np.zeros((B, 3))
         H[:, 2] = momentum
-        moment = moment - np.cross(w, H)
+        moment = moment - cross(w, H)
         momentum_before = momentum
-        dw = (moment - np.cross(w, INERTIA * w)) / INERTIA
+        dw = (moment - cross(w, INERTIA * w)) / INERTIA
         specific = force / mass_now[:, None]
         acceleration = np.einsum("bij,bj->bi", R, specific) + np.array([0, 0, G])
         v = v + acceleration * dt
@@ -193,9 +201,9 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         )
         lift = -np.einsum("bi,bi->b", R[:, :, 2], a_sp) * -1.0
         z = -a_sp / np.linalg.norm(a_sp, axis=1)[:, None]
-        x = np.cross(np.array([-np.sin(yaw), np.cos(yaw), 0.0]), z)
+        x = cross(np.array([-np.sin(yaw), np.cos(yaw), 0.0]), z)
         x /= np.linalg.norm(x, axis=1)[:, None]
-        D = np.stack([x, np.cross(z, x), z], axis=2)
+        D = np.stack([x, cross(z, x), z], axis=2)
         E = np.einsum("bji,bjk->bik", D, R) - np.einsum("bji,bjk->bik", R, D)
         tilt = 0.5 * np.stack([E[:, 2, 1], E[:, 0, 2], E[:, 1, 0]], axis=1)
         integral_torque = np.clip(integral_torque + tilt * dt, -3, 3)
