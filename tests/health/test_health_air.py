@@ -58,11 +58,7 @@ def told(vehicle, log, test=None):
 @pytest.mark.slow
 def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown):
     with case_table() as case:
-        for rotor, law in (
-            (2, "share"),
-            (5, "tip"),
-            (6, "weak_motor"),
-        ):
+        for rotor, law in ((2, "share"), (5, "tip"), (6, "weak_motor")):
             with case(f"{rotor}, {law}"):
                 vehicle, fly = flown
                 fault = HiddenEffect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(rotor)}, law)
@@ -79,12 +75,7 @@ def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown):
 @pytest.mark.slow
 def test_sound_flights_in_wind_and_sag_call_nobody(flown):
     with case_table() as case:
-        for plan in (
-            "hover",
-            "circle",
-            "wander",
-            "steps",
-        ):
+        for plan in ("hover", "circle", "wander", "steps"):
             with case(f"{plan}"):
                 vehicle, fly = flown
                 assert not [v for v in told(vehicle, fly(plan=plan)) if v.called]

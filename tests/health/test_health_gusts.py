@@ -105,11 +105,7 @@ def test_the_last_digit_of_a_command_is_not_seen_in_the_torques(windy):
 
 def test_the_accelerometers_zero_is_read_from_the_velocity(windy):
     with case_table() as case:
-        for zero in (
-            0.0,
-            0.08,
-            -0.08,
-        ):
+        for zero in (0.0, 0.08, -0.08):
             with case(f"{zero}"):
                 vehicle, logs = windy
                 frame = flight_frame([logs[0]], vehicle.declared, vehicle.rotors)

@@ -96,11 +96,7 @@ def test_sound_flights_are_sound():
 @pytest.mark.slow
 def test_a_rotor_that_lost_a_tenth_is_named_with_the_flight_and_the_size():
     with case_table() as case:
-        for rotor in (
-            0,
-            3,
-            6,
-        ):
+        for rotor in (0, 3, 6):
             with case(f"{rotor}"):
                 rng = np.random.default_rng(2 + rotor)
                 found = health(flight(rng), flight(rng), flight(rng, (rotor, 0.1, 0.07)))
@@ -154,12 +150,7 @@ def since(start_s, over_s=0.0):
 @pytest.mark.slow
 def test_a_loss_within_a_flight_is_named_with_its_time():
     with case_table() as case:
-        for rotor, torque in (
-            (1, 0.85),
-            (4, 0.85),
-            (2, -0.8),
-            (7, -0.8),
-        ):
+        for rotor, torque in ((1, 0.85), (4, 0.85), (2, -0.8), (7, -0.8)):
             with case(f"{rotor}, {torque}"):
                 rng = np.random.default_rng(20 + rotor)
                 found = health(flight(rng, (rotor, 0.12, 0.12 * torque), time_profile=since(23.4)))

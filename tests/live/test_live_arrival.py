@@ -40,11 +40,7 @@ def test_a_count_that_begins_anew_or_is_none_adds_nothing() -> None:
 
 def test_what_the_bridge_counted_is_what_arrived() -> None:
     with case_table() as case:
-        for lost in (
-            0.0,
-            0.05,
-            0.8,
-        ):
+        for lost in (0.0, 0.05, 0.8):
             with case(f"{lost}"):
                 draw, taken, arrived = random.Random(3), Count(65536), 0
                 taken.hear(0.0)

@@ -50,11 +50,7 @@ class Rhythm:
 
 def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited() -> None:
     with case_table() as case:
-        for stopped_s in (
-            0.3,
-            3.0,
-            30.0,
-        ):
+        for stopped_s in (0.3, 3.0, 30.0):
             with case(f"{stopped_s}"):
                 rhythm = Rhythm()
                 # the first comes before the vehicle's clock is known, two settle

@@ -136,11 +136,7 @@ def test_a_board_that_restarts_twice_quickly_is_one_that_came_back():
 
 def test_another_board_or_one_without_a_name_of_its_own_is_not_followed():
     with case_table() as case:
-        for first, then in (
-            (0xC0A1, 0xC0A2),
-            (0, 0),
-            (0x4954414C44494E4F, 0x4954414C44494E4F),
-        ):
+        for first, then in ((0xC0A1, 0xC0A2), (0, 0), (0x4954414C44494E4F, 0x4954414C44494E4F)):
             with case(f"{first}, {then}"), listening(uid=first) as (session, board):
                 board.close()
                 with second(board, uid=then) as other:

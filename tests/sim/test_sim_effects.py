@@ -38,11 +38,7 @@ def flown(*effects: HiddenEffect, height: float = 5.0, rotor: str = "") -> Plant
 
 def test_a_ceiling_draws_by_momentum_theory_or_by_an_image() -> None:
     with case_table() as case:
-        for height in (
-            5.5,
-            5.0,
-            3.0,
-        ):
+        for height in (5.5, 5.0, 3.0):
             with case(f"{height}"):
                 free = flown(height=height).thrust.copy()
                 left = 6.0 - (height - flown().vehicle.position_m[:, 2])

@@ -64,11 +64,7 @@ def _offset(kind: type[Any], field: str) -> int:
 @pytest.mark.slow
 def test_nonsense_does_not_stop_the_world() -> None:
     with case_table() as case:
-        for firmware in (
-            "px4:1.13",
-            "px4",
-            "ardupilot",
-        ):
+        for firmware in ("px4:1.13", "px4", "ardupilot"):
             with case(f"{firmware}"):
                 draw, pilot = random.Random(firmware), Pilot(firmware)
                 port, names = pilot.ports[0], list(pilot.autopilot.store.names)

@@ -37,11 +37,7 @@ def heights(plant: Plant) -> np.ndarray:
 
 def test_ground_effect_by_cheeseman_and_bennett_and_by_hayden() -> None:
     with case_table() as case:
-        for height in (
-            0.5,
-            0.9,
-            2.0,
-        ):
+        for height in (0.5, 0.9, 2.0):
             with case(f"{height}"):
                 free, gain = flown(height=height).thrust.copy(), 0.2 / math.e
                 image = flown(
@@ -76,11 +72,7 @@ def test_drag_by_mass_flow_and_by_flapping() -> None:
 
 def test_inflow_by_momentum_balances_blades_and_air() -> None:
     with case_table() as case:
-        for climb in (
-            -3.0,
-            0.5,
-            3.0,
-        ):
+        for climb in (-3.0, 0.5, 3.0):
             with case(f"{climb}"):
                 size = 4.0
                 p = flown(HiddenEffect("axial_inflow", size, 0.0, {}, "momentum"))

@@ -60,11 +60,7 @@ def test_an_arducopter_learns_its_hover_throttle_and_saves_it_on_disarming():
 @pytest.mark.slow
 def test_what_is_not_saved_is_gone_with_the_next_start():
     with case_table() as case:
-        for learn, saved in (
-            (0, True),
-            (1, True),
-            (2, False),
-        ):
+        for learn, saved in ((0, True), (1, True), (2, False)):
             with case(f"{learn}, {saved}"):
                 copter = _standin("ardupilot")
                 copter.store.write("MOT_THST_HOVER", 0.5)

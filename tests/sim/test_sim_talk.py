@@ -136,15 +136,8 @@ def test_who_asks_for_a_mission_is_told_that_there_is_none(firmware: str) -> Non
 @pytest.mark.slow
 def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up() -> None:
     with case_table() as case:
-        for kind in (
-            "measured",
-            "sitl",
-            "none",
-        ):
-            for firmware in (
-                "px4",
-                "ardupilot",
-            ):
+        for kind in ("measured", "sitl", "none"):
+            for firmware in ("px4", "ardupilot"):
                 with case(f"{firmware}, {kind}"):
                     pilot = Pilot(firmware, escs=kind)
                     assert pilot.command(511, 11030 if pilot.copter else 291, 50_000) == 0

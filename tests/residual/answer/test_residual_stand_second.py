@@ -15,14 +15,7 @@ from coaxlink.residual.regression.blocks import folds_of
 
 def test_folds_do_not_repeat_with_a_schedule():
     with case_table() as case:
-        for count in (
-            7,
-            12,
-            20,
-            24,
-            36,
-            40,
-        ):
+        for count in (7, 12, 20, 24, 36, 40):
             with case(f"{count}"):
                 dealt = folds_of(count)
                 assert np.ptp(np.bincount(dealt, minlength=6)) <= 1

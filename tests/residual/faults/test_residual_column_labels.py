@@ -102,13 +102,7 @@ def test_loads_exchanged_where_only_the_second_part_has_such_speeds(pairs: list[
 
 def test_one_pass_whose_loads_are_what_they_say_is_not_flagged() -> None:
     with case_table() as case:
-        for true in (
-            {},
-            {"interference": 12.0},
-            {"power": 0.4},
-            {"bump": 12.0},
-            {"drift": 3.0},
-        ):
+        for true in ({}, {"interference": 12.0}, {"power": 0.4}, {"bump": 12.0}, {"drift": 3.0}):
             with case(f"{true}"):
                 columns = {k: v[:ONE_PASS] for k, v in run(seed=10, throttle=False, **true).items()}
                 assert find_suspects(stand_frame(Samples(columns, "rig"), None)).suspects == ()

@@ -89,12 +89,7 @@ def test_outputs_that_no_motor_hangs_on_are_none(clean):
 def test_a_servo_in_the_middle_of_its_range_is_no_motor(clean):
     """A tlog has every output that sends pulses, and 1500 us is half of a motor's range."""
     with case_table() as case:
-        for what in (
-            "gripper at rest",
-            "gimbal that holds level",
-            "landing gear",
-            "servo",
-        ):
+        for what in ("gripper at rest", "gimbal that holds level", "landing gear", "servo"):
             with case(f"{what}"):
                 time, random = clean["time_s"], np.random.default_rng(3)
                 moves = {
@@ -122,12 +117,7 @@ def test_a_voltage_that_was_never_measured_is_none(volts, clean):
 @pytest.mark.slow
 def test_what_is_not_finite_flags_nobody_and_warns_of_nothing(clean):
     with case_table() as case:
-        for name in (
-            "roll_rad",
-            "accel_y_m_s2",
-            "vel_d_m_s",
-            "height_m",
-        ):
+        for name in ("roll_rad", "accel_y_m_s2", "vel_d_m_s", "height_m"):
             with case(f"{name}"):
                 endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
                 log = Samples(clean | {name: endless}, "damaged")
@@ -136,11 +126,7 @@ def test_what_is_not_finite_flags_nobody_and_warns_of_nothing(clean):
 
 def test_an_angle_that_stands_still_while_the_gyros_turn_is_flagged(clean):
     with case_table() as case:
-        for name in (
-            "roll",
-            "pitch",
-            "yaw",
-        ):
+        for name in ("roll", "pitch", "yaw"):
             with case(f"{name}"):
                 time, column = clean["time_s"], f"{name}_rad"
                 stands = (time > 25.0) & (time < 48.0)

@@ -29,11 +29,7 @@ def flight(seed: int = 0, seconds: float = 60.0, noise: float = 1.0, ground_s: f
     rates = dr - dy * sp, dp * cr + dy * sr * cp, -dp * sr + dy * cr * cp
     lift = 9.80665 * (1.0 + 0.03 * up * quiet * np.sin(2 * np.pi * t / 2.3))
     cy, sy = np.cos(yaw), np.sin(yaw)
-    pull = (
-        -lift * (cr * sp * cy + sr * sy),
-        -lift * (cr * sp * sy - sr * cy),
-        -lift * cr * cp + 9.80665,
-    )
+    pull = (-lift * (cr * sp * cy + sr * sy), -lift * (cr * sp * sy - sr * cy), -lift * cr * cp + 9.80665)
     for k, axis in enumerate("xyz"):
         columns[f"gyro_{axis}_rad_s"] = rates[k] + noise * 2e-4 * rng.standard_normal(len(t))
         true = -lift if axis == "z" else 0.0 * t
@@ -66,11 +62,7 @@ def test_resolution_is_the_smallest_step() -> None:
 
 def test_coarse_steps_are_neither_stuck_nor_copied() -> None:
     with case_table() as case:
-        for noise in (
-            0.02,
-            1.0,
-            3.0,
-        ):
+        for noise in (0.02, 1.0, 3.0):
             with case(f"{noise}"):
                 log = rounded(flight(noise=noise, ground_s=40.0))
                 still = np.diff(log["gyro_z_rad_s"]) == 0.0
@@ -80,15 +72,8 @@ def test_coarse_steps_are_neither_stuck_nor_copied() -> None:
 
 def test_a_stuck_axis_is_found_whatever_its_resolution() -> None:
     with case_table() as case:
-        for coarse in (
-            False,
-            True,
-        ):
-            for column in (
-                "gyro_x_rad_s",
-                "gyro_z_rad_s",
-                "accel_z_m_s2",
-            ):
+        for coarse in (False, True):
+            for column in ("gyro_x_rad_s", "gyro_z_rad_s", "accel_z_m_s2"):
                 with case(f"{column}, {coarse}"):
                     log = flight()
                     values = log[column].copy()
@@ -103,10 +88,7 @@ def test_a_stuck_axis_is_found_whatever_its_resolution() -> None:
 
 def test_an_axis_that_never_worked_is_found() -> None:
     with case_table() as case:
-        for coarse in (
-            False,
-            True,
-        ):
+        for coarse in (False, True):
             with case(f"{coarse}"):
                 log = flight().with_columns(gyro_y_rad_s=np.zeros(3000))
                 found = stuck(rounded(log) if coarse else log)
@@ -115,10 +97,7 @@ def test_an_axis_that_never_worked_is_found() -> None:
 
 def test_a_copied_stretch_is_found_whatever_its_resolution() -> None:
     with case_table() as case:
-        for coarse in (
-            False,
-            True,
-        ):
+        for coarse in (False, True):
             with case(f"{coarse}"):
                 log = flight(noise=2.0)
                 log = rounded(log) if coarse else log

@@ -62,11 +62,7 @@ def test_a_memory_fades_as_it_does_one_row_at_a_time():
 
 def test_slipping_elements_are_those_run_one_row_at_a_time():
     with case_table() as case:
-        for rows in (
-            1,
-            7,
-            400,
-        ):
+        for rows in (1, 7, 400):
             with case(f"{rows}"):
                 time_profile = np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, rows))
                 ways = np.array([0.01, 0.1])
