@@ -83,7 +83,7 @@ def load_plan(source: Path) -> Plan:
     params: Mapping[str, Number] = read.params
     owned, known = (PX4_OWNED, px4.PARAMETERS) if read.firmware == "px4" else (AP_OWNED, ardupilot.PARAMETERS)
     if any(kind_of(owned, name, {}) in (COUNTER, READ_ONLY) for name in params):
-        params = {name: value for name, value in params.items() if name in known}
+        params = {n: v for n, v in params.items() if n in known or n.startswith(ardupilot.scripts.PREFIX)}
         notes.append(
             f"all parameters of a board: {len(params)} of the {len(read.params)} are of a mixer table, "
             "the others stay as they are on board"
@@ -91,10 +91,12 @@ def load_plan(source: Path) -> Plan:
     types = {name: read.types[name] for name in params if name in read.types}
     if read.firmware == "px4":
         return Plan("px4", (source,), params, types, tuple(notes))
-    paths = sorted((source.parent / "scripts").glob("*.lua"))
+    backed_up = source.with_suffix(".files")  # beside a backup, as `upload` writes it
+    folder = backed_up if backed_up.is_dir() else source.parent / "scripts"
+    paths = sorted(folder.glob("*.lua"))
     scripts = {path.name: files.read_bytes(path) for path in paths}
     if params.get("FRAME_CLASS") in (15, 17) and not scripts:
-        raise InputError(source.parent / "scripts", "", "FRAME_CLASS 15 and 17 need a script, found none")
+        raise InputError(folder, "", "FRAME_CLASS 15 and 17 need a script, found none")
     return Plan("ardupilot", (source, *paths), params, {}, tuple(notes), scripts)
 
 

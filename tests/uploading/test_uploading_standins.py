@@ -78,12 +78,14 @@ def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables
         _, talk = upload("loader")
         assert "rebooting" in talk and Files(session).crc(f"/APM/scripts/{scripts.MATRIX_NAME}") is None
         said.clear()
-        _, talk = upload("loader-standard")
+        third, talk = upload("loader-standard")
         assert "rebooting" not in talk
         _comes(session, said, "table of 8 motors live")  # no reboot, no second init
         assert verify(session, None).holds and verify(session, load_plan(tables["loader-standard"])).holds
         other = verify(session, load_plan(tables["loader"]))
         assert {w["name"] for w in other.mismatches} >= {"CXL_SUM", "CXL_T1"}
+        backed_up = verify(session, load_plan(Path(third.backup)))  # has the loader's table before it
+        assert {w["name"] for w in backed_up.mismatches} == {w["name"] for w in other.mismatches}
         Files(session).write(f"/APM/scripts/{scripts.LOADER_NAME}", b"-- altered")
         assert [w["name"] for w in verify(session, None).mismatches] == [
             f"/APM/scripts/{scripts.LOADER_NAME}"
