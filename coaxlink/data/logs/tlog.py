@@ -5,17 +5,17 @@ The recorder's clock only orders the frames: a simulator may run faster than the
 
 from __future__ import annotations
 
+import math
 import struct
-from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.data.logs.mavlink_frames import LONGEST_FRAME, Rows, heard
 from coaxlink.data.logs.outputs import (
     Map,
     ardupilot_map,
@@ -39,7 +39,6 @@ from coaxlink.data.logs.streams import (
 )
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
-from firmware_params import bounded
 
 EPOCH_US = 1e15  # a stamp above this counts from 1970, one below from boot
 ESC_TELEMETRY = ("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_9_TO_12")
@@ -54,35 +53,7 @@ ARMED_FLAG, ARDUPILOT = 128, 3
 ON_GROUND = 1
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 NO_CELL_MV = 65535
-LONGEST_FRAME = 8 + 10 + 255 + 2 + 13  # stamp, header, payload, checksum, signature
 INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
-
-
-def stamped_frames(path: Path) -> Iterator[tuple[int, bytes]]:
-    """(recorder's clock in us since 1970, frame) of a tlog in order; a torn last frame is left out, damage is
-    skipped. Raises InputError when there is more damage than log."""
-    data = files.read_bytes(path, bounded.LOG)
-    at = skipped = 0
-    while at + 16 < len(data):
-        size = _frame_size(data, at + 8)
-        # a frame is believed when another, or the end, follows it: its first byte alone says little
-        if size and (at + 8 + size + 9 > len(data) or _frame_size(data, at + 8 + size + 8)):
-            if at + 8 + size <= len(data):
-                yield int.from_bytes(data[at : at + 8], "big"), data[at + 8 : at + 8 + size]
-            at += 8 + size
-            continue
-        if not skipped:
-            first = at + 8
-        at, skipped = at + 1, skipped + 1
-        if 2 * skipped > len(data):
-            raise InputError(path, f"byte {first}", "a MAVLink frame is expected after each time stamp")
-
-
-def _frame_size(data: bytes, at: int) -> int:
-    """Bytes of the frame that starts here, 0 if none does."""
-    if data[at] == 0xFD and at + 3 <= len(data):
-        return 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
-    return 8 + data[at + 1] if data[at] == 0xFE and at + 2 <= len(data) else 0
 
 
 def read_tlog(path: Path, motors: TimeSeries | None = None) -> Samples:
@@ -115,37 +86,19 @@ def read_tlog(path: Path, motors: TimeSeries | None = None) -> Samples:
 def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int, bool]:
     """Of the autopilot that sends the most: messages by name, in s since boot, the last value of each
     parameter; how many frames were garbled, and whether the file is damaged (a torn last frame is none)."""
-    from pymavlink.dialects.v20 import common
-
-    from firmware_params.ardupilot import messages as _esc_telemetry  # noqa: F401  registers it
-    from firmware_params.px4 import messages as _esc_status  # noqa: F401  registers ESC_STATUS
-
-    parser = common.MAVLink(None)
-    wanted = {i for i, cls in common.mavlink_map.items() if cls.msgname in NAMES}
-    by_sender: dict[tuple[int, int], list[Any]] = defaultdict(list)
-    garbled, left = 0, path.stat().st_size
-    for _, frame in stamped_frames(path):
-        left -= 8 + len(frame)
-        number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
-        if number not in wanted:
-            continue
-        try:
-            message = parser.decode(bytearray(frame))
-        except common.MAVError:
-            garbled += 1  # on its way: its CRC says so
-            continue
-        by_sender[(message.get_srcSystem(), message.get_srcComponent())].append(message)
-    if not by_sender:
+    found = heard(path, NAMES)
+    if not found.rows:
         raise InputError(path, "", "no telemetry of an autopilot in this tlog")
     quiet = ("HEARTBEAT", "PARAM_VALUE")
-    motion = Counter({who: sum(m.get_type() not in quiet for m in sent) for who, sent in by_sender.items()})
-    sent = by_sender[motion.most_common(1)[0][0]]
-    reported = [m for m in sent if m.get_type() == "PARAM_VALUE"]
-    boot = _longest_boot([m for m in sent if m.get_type() != "PARAM_VALUE"])
-    messages = {name: _message(rows) for name, rows in _stamped(boot).items()}
-    bytewise = not _is_ardupilot(messages)
-    values = {str(m.param_id): _parameter(m, bytewise) for m in reported}
-    return messages, values, garbled, garbled > 0 or left > LONGEST_FRAME
+    motion = {
+        who: sum(len(rows.at) for name, rows in kinds.items() if name not in quiet)
+        for who, kinds in found.rows.items()
+    }
+    sent = found.rows[max(motion, key=motion.__getitem__)]
+    reported = sent.pop("PARAM_VALUE", None)
+    messages = _stamped(_longest_boot(sent))
+    values = {} if reported is None else _parameters(reported, bytewise=not _is_ardupilot(messages))
+    return messages, values, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME
 
 
 def tlog_parameters(path: Path) -> dict[str, float]:
@@ -153,88 +106,104 @@ def tlog_parameters(path: Path) -> dict[str, float]:
 
     Of several senders the one that sent the most. Raises InputError where there is none.
     """
-    from pymavlink.dialects.v20 import common
-
-    parser = common.MAVLink(None)
-    reported: dict[tuple[int, int], dict[str, Any]] = defaultdict(dict)
-    autopilots: dict[tuple[int, int], int] = {}
-    for _, frame in stamped_frames(path):
-        number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
-        if number not in (common.MAVLINK_MSG_ID_HEARTBEAT, common.MAVLINK_MSG_ID_PARAM_VALUE):
-            continue
-        try:
-            message = parser.decode(bytearray(frame))
-        except common.MAVError:
-            continue
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        if message.get_type() == "HEARTBEAT":
-            autopilots[sender] = int(message.autopilot)
-        else:
-            reported[sender][str(message.param_id)] = message
+    kinds = heard(path, ("HEARTBEAT", "PARAM_VALUE")).rows
+    reported = {who: rows["PARAM_VALUE"] for who, rows in kinds.items() if "PARAM_VALUE" in rows}
     if not reported:
         problem = "no parameters (PARAM_VALUE) in this tlog: record one while a ground station loads them"
         raise InputError(path, "", problem)
-    sender = max(reported, key=lambda who: len(reported[who]))
-    plain = autopilots.get(sender, ARDUPILOT if "FRAME_CLASS" in reported[sender] else 0) == ARDUPILOT
-    return {name: _parameter(message, not plain) for name, message in reported[sender].items()}
+    # of equals the one that began
+    sender = min(reported, key=lambda who: (-len(set(_names(reported[who]))), reported[who].at[0]))
+    rows, beats = reported[sender], kinds[sender].get("HEARTBEAT")
+    if beats is not None:
+        plain = int(beats.fields["autopilot"][-1]) == ARDUPILOT
+    else:
+        plain = "FRAME_CLASS" in _names(rows)
+    return _parameters(rows, bytewise=not plain)
 
 
 def _is_ardupilot(messages: Mapping[str, Message]) -> bool:
     return "HEARTBEAT" in messages and bool((messages["HEARTBEAT"]["autopilot"] == ARDUPILOT).any())
 
 
-def _parameter(message: Any, bytewise: bool) -> float:
-    """PX4 sends an integer's bytes in the place of the float, ArduPilot every value as a float."""
-    form = INTEGERS.get(int(message.param_type)) if bytewise else None
-    if form is None:
-        return float(message.param_value)
-    frame = message.get_msgbuf()
-    start = 10 if frame[0] == 0xFD else 6
-    return float(struct.unpack_from(form, bytes(frame), start)[0])
+def _names(reported: Rows) -> list[str]:
+    """The parameter of each PARAM_VALUE."""
+    ids: list[bytes] = reported.fields["param_id"].tolist()
+    return [name.split(b"\0", 1)[0].decode("ascii", errors="replace") for name in ids]
 
 
-def _message(rows: list[tuple[float, Any]]) -> Message:
-    """All messages of one kind as columns."""
-    fields = rows[0][1].get_fieldnames()
-    columns = {field: np.array([getattr(m, field) for _, m in rows], float) for field in fields}
-    return columns | {"time_s": np.array([time for time, _ in rows])}
+def _parameters(reported: Rows, *, bytewise: bool) -> dict[str, float]:
+    """The last value of each. PX4 sends an integer's bytes in the place of the float (`bytewise`), ArduPilot
+    every value as a float."""
+    fields = reported.fields
+    values = {}
+    for name, kind, value in zip(
+        _names(reported), fields["param_type"].tolist(), fields["param_value"], strict=True
+    ):
+        form = INTEGERS.get(kind) if bytewise else None
+        values[name] = float(value if form is None else struct.unpack_from(form, value.tobytes())[0])
+    return values
 
 
-def _longest_boot(messages: list[Any]) -> list[Any]:
+def _longest_boot(sent: Mapping[str, Rows]) -> dict[str, Rows]:
     """The messages of the boot that says the most: after a restart the stamps begin anew."""
-    boots: list[list[Any]] = [[]]
-    clock = 0.0
-    for message in messages:
-        stamp = getattr(message, "time_boot_ms", None)
-        if stamp is not None:
-            if stamp / 1e3 < clock - REBOOT_S:
-                boots.append([])
-            clock = stamp / 1e3
-        boots[-1].append(message)
-    return max(boots, key=len)
+    stamped = [
+        (rows.at, rows.fields["time_boot_ms"] / 1e3) for rows in sent.values() if rows.has("time_boot_ms")
+    ]
+    if not stamped:
+        return dict(sent)
+    at, clock = (np.concatenate(each) for each in zip(*stamped, strict=True))
+    order = np.argsort(at)
+    at, clock = at[order], clock[order]
+    everything = np.sort(np.concatenate([rows.at for rows in sent.values()]))
+    restarts = np.searchsorted(everything, at[1:][clock[1:] < clock[:-1] - REBOOT_S])
+    edges = np.array([0, *restarts, len(everything)])
+    most = int(np.argmax(np.diff(edges)))
+    boot = everything[edges[most] : edges[most + 1]]
+    said = {name: rows.between(boot[0], boot[-1]) for name, rows in sent.items()}
+    return {name: rows for name, rows in said.items() if len(rows.at)}
 
 
-def _stamped(messages: list[Any]) -> dict[str, list[tuple[float, Any]]]:
-    """(s since boot, message) by name."""
-    rows: dict[str, list[tuple[float, Any]]] = defaultdict(list)
-    clock = 0.0  # the latest stamp since boot: what messages without one get
-    since_1970: dict[str, list[tuple[float, Any, float]]] = defaultdict(list)
-    for message in messages:
-        name = message.get_type()
-        if hasattr(message, "time_boot_ms"):
-            clock = message.time_boot_ms / 1e3
-        elif name == "SERVO_OUTPUT_RAW":
-            clock = message.time_usec / 1e6 + WRAP_S * round((clock - message.time_usec / 1e6) / WRAP_S)
-        elif getattr(message, "time_usec", 0) > EPOCH_US:
-            since_1970[name].append((message.time_usec / 1e6, message, clock))
-            continue
-        elif getattr(message, "time_usec", 0):
-            clock = message.time_usec / 1e6
-        rows[name].append((clock, message))
-    for name, found in since_1970.items():
-        offset = float(np.median([stamp - boot for stamp, _, boot in found if boot > 0] or [found[0][0]]))
-        rows[name] += [(stamp - offset, message) for stamp, message, _ in found]
-    return rows
+def _stamped(sent: Mapping[str, Rows]) -> dict[str, Message]:
+    """By name, in s since boot: a message's own stamp, or else the latest of all before it."""
+    if not sent:
+        return {}
+    stamps = [_stamps(name, rows) for name, rows in sent.items()]
+    order = np.argsort(np.concatenate([rows.at for rows in sent.values()]))
+    own = np.concatenate([np.where(since_1970, np.nan, stamp) for stamp, since_1970 in stamps])
+    wraps = np.concatenate([np.full(len(rows.at), name == "SERVO_OUTPUT_RAW") for name, rows in sent.items()])
+    clock, clocks = 0.0, np.empty(len(order))
+    for i, stamp, short in zip(order.tolist(), own[order].tolist(), wraps[order].tolist(), strict=True):
+        if short:
+            clock = stamp + WRAP_S * round((clock - stamp) / WRAP_S)
+        elif not math.isnan(stamp):
+            clock = stamp
+        clocks[i] = clock
+    ends = np.cumsum([len(rows.at) for rows in sent.values()])
+    messages: dict[str, Message] = {}
+    for (name, rows), (stamp, since_1970), boot in zip(
+        sent.items(), stamps, np.split(clocks, ends[:-1]), strict=True
+    ):
+        time_s = boot
+        if since_1970.any():
+            offsets = (stamp - boot)[since_1970 & (boot > 0)]
+            offset = float(np.median(offsets)) if len(offsets) else float(stamp[since_1970][0])
+            time_s = np.where(since_1970, stamp - offset, boot)
+        first = np.argsort(since_1970, kind="stable")  # of equal times the one on the vehicle's clock
+        columns = {field: column[first] for field, column in rows.columns().items()}
+        messages[name] = columns | {"time_s": time_s[first]}
+    return messages
+
+
+def _stamps(name: str, rows: Rows) -> tuple[Array, NDArray[np.bool_]]:
+    """(s, NaN where it has none; whether counted from 1970) of messages of one kind."""
+    if rows.has("time_boot_ms"):
+        return rows.fields["time_boot_ms"] / 1e3, np.zeros(len(rows.at), bool)
+    if not rows.has("time_usec"):
+        return np.full(len(rows.at), np.nan), np.zeros(len(rows.at), bool)
+    count = rows.fields["time_usec"].astype(float)
+    if name == "SERVO_OUTPUT_RAW":
+        return count / 1e6, np.zeros(len(rows.at), bool)
+    return np.where(count > 0, count / 1e6, np.nan), count > EPOCH_US
 
 
 def _motors(

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.ardupilot.messages  # noqa: F401 - teaches the dialect ESC_TELEMETRY_*
 from coaxlink.data.logs.flight import MOTOR, log_kind, read_flight_log
-from coaxlink.data.logs.tlog import stamped_frames
+from coaxlink.data.logs.mavlink_frames import stamped_frames
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS
