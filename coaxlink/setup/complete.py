@@ -11,7 +11,7 @@ import numpy as np
 from coaxlink.airframe import AXES, Airframe, Rotor
 from coaxlink.errors import InputError
 from coaxlink.rotor.model import Source
-from coaxlink.setup.layout import Layout, Mount
+from coaxlink.setup.layout import Layout, Mount, refuse_far
 
 Inertia = tuple[float, float, float]
 _TORQUE_ARMS = 0.1  # torque over thrust, of an arm: rank does not hang on it
@@ -77,6 +77,8 @@ def completed(layout: Layout, body: Body) -> Airframe:
         )
         for n, mount in enumerate(layout.mounts)
     )
+    for rotor in rotors:
+        refuse_far(layout.source, rotor.number, rotor.position_m)
     mass = _positive("`mass_kg`", body.mass_kg)
     inertia = body.inertia_kg_m2 or inertia_estimate(mass, rotors)
     sources: dict[str, Source] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from coaxlink.airframe import FURTHEST_M
 from coaxlink.errors import InputError
 
 UP = (0.0, 0.0, -1.0)
@@ -23,6 +24,13 @@ class Mount:
     output: str = ""  # the connector it is assigned to, "MAIN 1"
     axis: tuple[float, float, float] = UP  # of its thrust, FRD
     order: int = 0  # in the firmware's motor test, which turns an arm's upper rotor first; 0: not known
+
+
+def refuse_far(source: str, number: int, place: tuple[float, ...]) -> None:
+    """Raise InputError for a rotor where no vehicle reaches, m."""
+    if not all(abs(p) <= FURTHEST_M for p in place):
+        problem = f"{max(map(abs, place)):.3g} m from the centre: {FURTHEST_M:g} at most"
+        raise InputError(source, f"rotor {number}", problem)
 
 
 @dataclass(frozen=True)

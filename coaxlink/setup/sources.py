@@ -7,10 +7,11 @@ import re
 from collections.abc import Mapping
 
 from coaxlink.errors import InputError
-from coaxlink.setup.layout import Layout, Mount
+from coaxlink.setup.layout import Layout, Mount, refuse_far
 from firmware_params import px4
 from firmware_params.ardupilot.frames import DODECAHEXA, FRAMES, OCTAQUAD, Y6, Frame
 from firmware_params.errors import TableError
+from firmware_params.px4.realise import FLT_EPSILON
 
 _PX4_OUTPUT = re.compile(r"(\w+)_FUNC(\d+)")  # PWM_MAIN, PWM_AUX, UAVCAN_EC, any driver
 _PX4_MOTOR_1 = 101  # of the *_FUNC parameters
@@ -64,10 +65,15 @@ def px4_layout(params: Params, source: str) -> Layout:
     for n, rotor in enumerate(table.rotors, start=1):
         if rotor.km == 0.0:
             raise InputError(source, f"CA_ROTOR{n - 1}_KM", "0: which way the rotor turns is not known")
+        refuse_far(source, n, rotor.position_m)
+        norm = math.hypot(*rotor.axis)
+        if not FLT_EPSILON < norm < math.inf:
+            raise InputError(source, f"CA_ROTOR{n - 1}_AX, _AY and _AZ", "are no direction")
+        ax, ay, az = (a / norm for a in rotor.axis)  # as PX4 does
         x, y, z = rotor.position_m
         spin = "ccw" if rotor.km > 0 else "cw"
         connectors = " and ".join(outputs.get(n, ()))
-        mounts.append(Mount(x, y, None if flat else z, spin, None, connectors, rotor.axis))
+        mounts.append(Mount(x, y, None if flat else z, spin, None, connectors, (ax, ay, az)))
     notes = []
     if flat:
         notes.append("CA_ROTOR*_PZ are all alike: which rotor of a pair is the upper one stands nowhere")

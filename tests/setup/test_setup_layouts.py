@@ -88,6 +88,23 @@ def test_three_rotors_on_one_place():
         completed(px4_layout(params, "board"), Body("x8", 20.0))
 
 
+def test_a_rotor_where_no_vehicle_reaches_or_without_a_direction():
+    for changed, said in (
+        ({"CA_ROTOR1_PX": -3e30}, "rotor 2: 3e"),
+        ({"CA_ROTOR2_AZ": 0.0}, "CA_ROTOR2_AX, _AY and _AZ: are no direction"),
+        ({"CA_ROTOR2_AX": math.nan}, "no direction"),
+    ):
+        with pytest.raises(InputError, match=said):
+            px4_layout(px4_params(X8) | changed, "board")
+    with pytest.raises(InputError, match="m from the centre"):
+        completed(template("x8"), Body("x8", 20.0, 1e6, 0.1))
+
+
+def test_an_axis_of_another_length_is_the_direction_that_px4_makes_of_it():
+    params = px4_params(X8) | {"CA_ROTOR0_AX": 0.3, "CA_ROTOR0_AZ": -0.4}
+    assert px4_layout(params, "board").mounts[0].axis == pytest.approx((0.6, 0.0, -0.8))
+
+
 def test_ardupilots_octaquad_is_the_papers_numbering():
     params = {"FRAME_CLASS": 4, "FRAME_TYPE": 1} | {f"SERVO{n}_FUNCTION": 32 + n for n in range(1, 9)}
     layout = ardupilot_layout(params, "board")
