@@ -7,6 +7,7 @@ A verb module defines `register(app)`; it imports what is slow inside its functi
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import pkgutil
 import sys
@@ -20,6 +21,7 @@ from coaxlink import _interrupts
 from coaxlink.cli.shared.shell import interrupted, run
 
 
+@functools.cache
 def build_app() -> typer.Typer:
     """The command line with every verb found in this package."""
     app = typer.Typer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import os
 import shutil
 import sys
@@ -84,11 +85,18 @@ def _drop(stream: TextIO) -> None:
         stream.flush()
 
 
-def _run(app: typer.Typer, arguments: Sequence[str]) -> int:
+@functools.lru_cache(maxsize=1)
+def _command(app: typer.Typer) -> Any:
+    """All verbs as click has them: 30 ms, so once a process."""
     command = typer.main.get_command(app)
+    check_outputs_first(command)
+    return command
+
+
+def _run(app: typer.Typer, arguments: Sequence[str]) -> int:
+    command = _command(app)
     try:
         require_shell(arguments)
-        check_outputs_first(command)
         outcome = command.main(args=list(arguments), prog_name="coaxlink", standalone_mode=False)
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
