@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -59,7 +60,7 @@ class Airframe:
         """Where a number is from; what the file says nothing of is declared."""
         return self.sources.get(key, "declared")
 
-    @property
+    @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
         """(upper, lower) indices into `rotors`, in the order of the upper rotors."""
         return tuple(
@@ -74,7 +75,7 @@ class Airframe:
         turn = [rotor.yaw_sign for rotor in self.rotors]
         return tuple((u, w) for u, w in self.pairs if turn[u] == turn[w])
 
-    @property
+    @cached_property
     def singles(self) -> tuple[int, ...]:
         """Indices of the rotors without a pair."""
         return tuple(i for i, rotor in enumerate(self.rotors) if rotor.level == "single")
@@ -89,7 +90,7 @@ class Airframe:
         u = np.asarray(speeds, float)
         thrust, torque = np.zeros(u.shape), np.zeros(u.shape)
         if self.pairs:
-            upper, lower = (list(level) for level in zip(*self.pairs, strict=True))
+            upper, lower = map(list, zip(*self.pairs, strict=True))
             pair = model.loads(u[..., upper], u[..., lower])
             thrust[..., upper], torque[..., upper] = pair.upper_thrust, pair.upper_torque
             thrust[..., lower], torque[..., lower] = pair.lower_thrust, pair.lower_torque
@@ -110,11 +111,16 @@ class Airframe:
     def body_loads(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """Force and moment (..., 6) in FRD, [Fx, Fy, Fz, Mx, My, Mz], of rotor loads (..., N)."""
         f, q = np.asarray(thrust, float), np.asarray(torque, float)
-        position = np.array([r.position_m for r in self.rotors])  # (N, 3)
-        axis = np.array([r.axis for r in self.rotors])  # (N, 3)
-        spin = np.array([r.yaw_sign for r in self.rotors], float)  # (N,)
+        axis, lever, spin = self._arms
         # a rotor that turns ccw pushes the body about -axis: +z when its thrust points up
-        return np.concatenate([f @ axis, f @ np.cross(position, axis) - (q * spin) @ axis], axis=-1)
+        return np.concatenate([f @ axis, f @ lever - (q * spin) @ axis], axis=-1)
+
+    @cached_property
+    def _arms(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """(N, 3) axes, (N, 3) moments of unit thrusts, (N,) spins."""
+        position = np.array([r.position_m for r in self.rotors])
+        axis = np.array([r.axis for r in self.rotors])
+        return axis, np.cross(position, axis), np.array([r.yaw_sign for r in self.rotors], float)
 
     def wrench(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """Wrench (..., 4), [thrust up, roll, pitch, yaw], of rotor loads (..., N)."""

@@ -35,11 +35,12 @@ class Pair:
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
         """(4, ...) upper thrust, upper torque, lower thrust, lower torque at normalised speeds."""
         upper, lower = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))
+        # (4, ORDER + 1, 1...): all surfaces and rows of powers at once
+        terms = self.coefficients.reshape(*self.coefficients.shape, *[1] * upper.ndim)
+        rows = np.zeros((4, ORDER + 1, *upper.shape))
+        for b in range(ORDER, -1, -1):
+            rows = rows * lower + terms[:, :, b]
         total = np.zeros((4, *upper.shape))
-        for s in range(4):
-            for a in range(ORDER, -1, -1):
-                row = np.zeros(upper.shape)
-                for b in range(ORDER, -1, -1):
-                    row = row * lower + self.coefficients[s, a, b]
-                total[s] = total[s] * upper + row
+        for a in range(ORDER, -1, -1):
+            total = total * upper + rows[:, a]
         return total

@@ -85,11 +85,9 @@ def wrench(plant: Plant, u: NDArray[np.float64]) -> NDArray[np.float64]:
 def steady(plant: Plant, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
     """(rows, 4) thrust up, roll, pitch, yaw of steady normalised speeds (rows, N) on sound rotors."""
     v = plant.vehicle
-    thrust, torque = np.zeros(speeds.shape), np.zeros(speeds.shape)
-    for i in range(v.rotors):
-        other = speeds[:, v.partner[i]] if v.partner[i] >= 0 else np.zeros(len(speeds))
-        lower = v.level[i] == LOWER
-        loads = plant.pair.loads(other if lower else speeds[:, i], speeds[:, i] if lower else other)
-        thrust[:, i], torque[:, i] = loads[2:] if lower else loads[:2]
+    partner, lower = np.asarray(v.partner), np.asarray(v.level) == LOWER
+    other = np.where(partner >= 0, speeds[:, partner], 0.0)
+    loads = plant.pair.loads(np.where(lower, other, speeds), np.where(lower, speeds, other))
+    thrust, torque = np.where(lower, loads[2], loads[0]), np.where(lower, loads[3], loads[1])
     moment = thrust @ np.cross(v.position_m, v.axis) - (torque * v.spin) @ v.axis
     return np.column_stack([-(thrust @ v.axis)[:, 2], moment])
