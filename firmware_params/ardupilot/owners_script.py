@@ -18,6 +18,7 @@ from firmware_params.errors import TableError
 from firmware_params.plain import plain
 
 STEPS, MEMORY = 2_000_000, 32 << 20  # Lua instructions a call; bytes
+LARGEST = 1e9  # a factor: ArduPilot makes shares of them, so millionths are as good; infinities are not
 ROUNDS = 5  # a script may set its matrix in a function that it schedules
 _PRELUDE = """
 local c, steps = ...
@@ -217,7 +218,8 @@ class _Heard:
         return True
 
     def _init(self, frame_class: Any, count: Any) -> bool:
-        if sorted(self._order) != list(range(int(count))) or not set(self._order) <= set(self._rows):
+        whole = len(self._order) == int(count) and sorted(self._order) == list(range(len(self._order)))
+        if not whole or not set(self._order) <= set(self._rows):
             return False
         self.count, self.frame_class = int(count), int(frame_class)
         return True
@@ -228,6 +230,9 @@ class _Heard:
             problem = f"it adds {len(self._order)} motors and its init does not take them"
             raise TableError(problem if self._order else "the script sets no matrix of motors")
         rows = [self._rows[n] for n in range(self.count)]
+        for n, row in enumerate(rows, start=1):
+            if not all(abs(factor) <= LARGEST for factor in row):
+                raise TableError(f"motor {n}: its factors are {row}: {LARGEST:g} at most is expected")
         factors = tuple((r, p, y, t) for r, p, y, t in rows)
         order = tuple(self._order[n] for n in range(self.count))
         dynamic = self.frame_class == DYNAMIC_MATRIX

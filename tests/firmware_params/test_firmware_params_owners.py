@@ -42,6 +42,8 @@ def test_what_is_no_matrix_is_named_and_nothing_of_this_machine_is_reached():
         "for x": "no Lua: script:1",
         QUAD: "adds 4 motors and its init",
         QUAD + "assert(MotorsMatrix:init(6), 'six')": "six",
+        QUAD + "assert(MotorsMatrix:init(1 << 40), 'many')": "many",
+        QUAD.replace("(-1)^i", "1 / 0") + "MotorsMatrix:init(4)": "motor 1: its factors",
         "MotorsMatrix:add_motor_raw(32, 1, 1, 1, 1)": "motor 33: ArduPilot holds 1..32",
         "error('mine')": "mine",
         "require('matrix')": "the module 'matrix', which is not here",
