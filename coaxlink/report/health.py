@@ -28,7 +28,9 @@ def verdict_line(health: Health) -> str:
     chance = _percent(health.probability)
     if health.verdict != "ground it":
         named = "" if health.verdict == "sound" else f"; most likely rotor {first.number}, {_since(first)}"
-        return f"{health.verdict}: the probability that a rotor lost more than {share} is {chance}{named}"
+        seen = f"a loss of {100 * health.detects:.0f} % would have been seen"
+        lost = f"the probability that a rotor lost more than {share} is {chance}"
+        return f"{health.verdict}: {lost}{named}; {seen}"
     loss = f"{100 * first.loss.value:.0f} % ({100 * first.loss.low:.0f} to {100 * first.loss.high:.0f})"
     who = suspects_named(health)
     if " or " in who:
@@ -70,10 +72,8 @@ def remarks(health: Health) -> Iterator[str]:
         )
     if health.payload > GROUND:
         yield f"the centre of mass was elsewhere in one flight ({_percent(health.payload)}): payload, pack?"
-    yield (
-        f"a rotor that loses {100 * health.detects:.0f} % would be seen in these flights"
-        + ("" if len(health.flights) > 1 else "; a sound flight before it (health OLD NEW) tells far more")
-    )
+    if len(health.flights) == 1:
+        yield "a sound flight before this one (health OLD NEW) tells far more"
     yield (
         f"by that chance: sound below {100 * WATCH:.0f} %, watch, ground it from {100 * GROUND:.0f} % on; "
         "shares are of the model's load at the commanded speeds, at a flight's end, after what all rotors "

@@ -53,6 +53,7 @@ def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
     )
     said = capsys.readouterr()
     assert "sound" in said.out and "shipped" not in said.err
+    assert f"a loss of {100 * found['detects']:.0f} % would have been seen" in " ".join(said.out.split())
 
 
 @pytest.mark.slow
