@@ -53,7 +53,6 @@ function draw(c) {
     if (l.dashed || l.look > 3) style["stroke-dasharray"] = l.dashed ? "5 3" : DASH[1 + (l.look % 3)];
     c.svg.append(el("path", style));
   });
-  if (!c.lines.length) c.svg.append(el("text", { x: W / 2, y: H / 2, "text-anchor": "middle" }, c.note || "nothing to draw"));
   const defs = el("defs", {}), clip = el("clipPath", { id: "inside" });
   clip.append(el("rect", { x: L, y: T, width: W - L - R, height: H - T - B }));
   defs.append(clip); c.svg.append(defs);
@@ -108,8 +107,8 @@ for (const row of DATA.rows) {
       legend.append(key);
       for (const x of [l.x[0], l.x[l.x.length - 1]]) if (x !== undefined) { const f = full[row.over] ||= [x, x]; f[0] = Math.min(f[0], x); f[1] = Math.max(f[1], x); }
     });
-    if (cell.note && cell.lines.length) { const note = document.createElement("span"); note.textContent = cell.note; legend.append(note); }
-    box.append(head, c.svg, legend);
+    if (cell.note || !cell.lines.length) { const note = document.createElement("span"); note.textContent = cell.note || "nothing to draw"; legend.append(note); }
+    if (cell.lines.length) box.append(head, c.svg, legend); else box.append(head, legend);   // no frame around nothing
     document.getElementById("charts").append(box);
     charts.push(c);
   });
