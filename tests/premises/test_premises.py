@@ -32,7 +32,8 @@ WEAK = 3
 @pytest.fixture(scope="module")
 def flights():
     """A sound flight, and one with a weak rotor."""
-    sound, weak = fly([{}, {"weak": (WEAK, 0.25)}])
+    seconds = 44.0  # hover, circles, a climb and down again
+    sound, weak = fly([{}, {"weak": (WEAK, 0.25)}], seconds=seconds)
     return Samples(sound, "sound.csv"), Samples(weak, "weak.csv")
 
 
