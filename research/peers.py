@@ -264,7 +264,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=1, help="logs of each effect")
     parser.add_argument("--clean", type=int, default=8)
-    parser.add_argument("--small", action="store_true", help="a hundred rows of one log")
+    parser.add_argument("--small", action="store_true", help="forty rows of one log")
     parser.add_argument("--json", type=Path, help="kept log by log, and gone on with")
     a = parser.parse_args()
     if importlib.util.find_spec("pysindy") is None:
@@ -275,7 +275,7 @@ def main() -> None:
     for k, (hidden, made) in enumerate(run):
         if k < len(judged):
             continue
-        judged.append({"hidden": hidden, "answers": judge(hidden, made, 100 if a.small else MOST_ROWS)})
+        judged.append({"hidden": hidden, "answers": judge(hidden, made, 40 if a.small else MOST_ROWS)})
         said = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in judged[-1]["answers"].items())
         print(f"# {hidden or 'clean'}: {said}", flush=True)
         if a.json:
