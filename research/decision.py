@@ -1,8 +1,9 @@
 """The decision's numbers, trained on what answers weighed, and how they do on authors they have not seen.
 
-`python research/tracing.py SET... --train F.toml` calls it: it writes the numbers, and prints of every author
-the answers by numbers and levels that were trained on the others alone (nested, so no level was chosen on
-them either), and how often what was said with a probability was so.
+`python research/tracing.py SET... --train F.toml [--picture F.svg]` calls it: it writes the numbers, and
+prints of every author the answers by numbers and levels that were trained on the others alone (nested, so no
+level was chosen on them either), and how often what was said with a probability was so: the reliability
+diagram, of names, of `nothing` and of `unexplained`.
 
 Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World (2005); Sadinle, Lei and Wasserman, Least
 ambiguous set-valued classifiers (2019): the levels.
@@ -35,7 +36,7 @@ class Example:
     """A candidate of a log, its terms, and whether it is true."""
 
     log: Log
-    model: str  # name, open or flight
+    model: str  # name, open, beyond (open behind names, trained on by nothing) or flight
     names: tuple[str, ...]
     terms: dict[str, float]
     true: bool
@@ -66,8 +67,12 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
     for weighed in answer.get("weighed", []):
         names, numbers = tuple(weighed["names"]), weighed["numbers"]
         if names[0] == "open":
-            if len(names) == 1 and log.sort not in ("fault", "real"):
-                yield Example(log, "open", names, opened_terms(numbers), log.sort != "clean")
+            if log.sort not in ("fault", "real"):
+                if len(names) == 1:
+                    model, more = "open", log.sort != "clean"
+                else:
+                    model, more = "beyond", _is_more(log, frozenset(names[1:]))
+                yield Example(log, model, names, opened_terms(numbers), more)
             continue
         there = hidden.union(*sets)
         true = bool(there & {*names}) if len(names) > 1 else names[0] in there and log.sort != "ambiguous"
@@ -77,6 +82,14 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
             yield Example(log, "flight", names, flown_terms(numbers["tempered"]), true)
         else:
             yield Example(log, "name", names, terms_of(Candidate(names, numbers)), true)
+
+
+def _is_more(log: Log, names: frozenset[str]) -> bool:
+    """Whether a log holds more than these names say."""
+    if log.sort == "ambiguous":
+        return not names & frozenset(log.truth["effects"])
+    sets = accepted(log.truth)
+    return not any(s <= names for s in (sets[1:] if log.sort == "odd" else sets))
 
 
 @dataclass(frozen=True)
@@ -174,7 +187,7 @@ def decider(every: Sequence[Example]) -> Decider:
     return Decider(models, level)
 
 
-def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
+def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path, picture: Path | None = None) -> None:
     """Write the decision's numbers; print how they do on every author when he is left out."""
     import tomli_w
 
@@ -184,7 +197,8 @@ def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
     scores: list[Score] = []
     for author in authors:
         others = decider([e for e in every if e.author != author])
-        said |= {id(e): others.models[e.model](e.terms) for e in every if e.author == author}
+        models = {**others.models, "beyond": others.models["open"]}
+        said |= {id(e): models[e.model](e.terms) for e in every if e.author == author}
         for log, answer in zip(logs, answers, strict=True):
             if author_of(log) == author:
                 scores.append(score(log, others.again(answer)))
@@ -199,20 +213,18 @@ def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
         head + ", ".join(f"{a} {n}" for a, n in sorted(trained.items())) + "\n" + tomli_w.dumps(out)
     )
     print(f"levels {out['level']}\nevery author left out in turn:\n{table(scores)}")
-    single = [e for e in every if e.model == "name" and len(e.names) == 1]
-    group = [e for e in every if e.model == "name" and len(e.names) > 1]
-    opened = [e for e in every if e.model == "open"]
-    print(f"names: {reliability(single, said)}")
-    print(f"groups: {reliability(group, said)}")
-    print(f"unexplained (something is there): {reliability(opened, said)}")
-    nothing = {id(e): 1.0 - said[id(e)] for e in opened}
-    print(f"nothing: {reliability(opened, nothing, absent=True)}")
+    rows = diagram(every, said)
+    print("\n".join(map(str, rows)))
+    if picture:
+        draw(rows, picture)
 
 
 ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight with
 
 
-def train_flights(logs: Sequence[Log], answers: Sequence[Answer], path: Path) -> None:
+def train_flights(
+    logs: Sequence[Log], answers: Sequence[Answer], path: Path, picture: Path | None = None
+) -> None:
     """Write the probability of a flight's names; print how it does on every set when that is left out."""
     import tomli_w
 
@@ -228,7 +240,10 @@ def train_flights(logs: Sequence[Log], answers: Sequence[Answer], path: Path) ->
     said_of = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
     out = {"flight": {"intercept": round(fitted.intercept, 5), "weights": weights}}
     path.write_text(f"{head}{said_of}\n{tomli_w.dumps(out)}")
-    print(f"flights, every set left out in turn: {reliability(every, said)}")
+    rows = reliability("names in flight", [(said[id(e)], e.true) for e in every])
+    print("every set left out in turn", *rows, sep="\n")
+    if picture:
+        draw(rows, picture)
 
 
 def _level(mine: Sequence[Example], said: dict[int, float], kind: str) -> float:
@@ -245,15 +260,70 @@ def _level(mine: Sequence[Example], said: dict[int, float], kind: str) -> float:
     return ranked[allowed] + 1e-4 if len(ranked) > allowed else 0.0
 
 
-def reliability(mine: Sequence[Example], said: dict[int, float], absent: bool = False) -> str:
-    """Of what was said with about a probability, how much was so."""
-    edges = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.01)
-    parts = []
-    for low, high in itertools.pairwise(edges):
-        some = [e for e in mine if low <= said[id(e)] < high]
-        if some:
-            mean = sum(said[id(e)] for e in some) / len(some)
-            parts.append(
-                f"said {mean:.2f} was {sum(e.true != absent for e in some) / len(some):.2f} ({len(some)})"
-            )
-    return "; ".join(parts)
+@dataclass(frozen=True)
+class Reliability:
+    """Of what was said with about one probability, how much was so, with a 95 % interval (Wilson 1927)."""
+
+    what: str
+    said: float
+    so: float
+    low: float
+    high: float
+    count: int
+
+    def __str__(self) -> str:
+        between = f"{self.low:.2f} .. {self.high:.2f}"
+        return f"{self.what:18s} said {self.said:.2f}  so {self.so:.2f} ({between})  {self.count:4d}"
+
+
+EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.01)
+WILSON = 1.96  # standard errors
+
+
+def reliability(what: str, claims: Sequence[tuple[float, bool]]) -> list[Reliability]:
+    """Of claims (probability, whether it is so), by probability."""
+    out = []
+    for low, high in itertools.pairwise(EDGES):
+        some = [c for c in claims if low <= c[0] < high]
+        if not some:
+            continue
+        n, so = len(some), sum(true for _, true in some) / len(some)
+        middle = (so + WILSON**2 / (2 * n)) / (1 + WILSON**2 / n)
+        half = WILSON / (1 + WILSON**2 / n) * math.sqrt(so * (1 - so) / n + WILSON**2 / (4 * n * n))
+        said = sum(p for p, _ in some) / n
+        out.append(Reliability(what, said, so, max(middle - half, 0.0), min(middle + half, 1.0), n))
+    return out
+
+
+def diagram(every: Sequence[Example], said: dict[int, float]) -> list[Reliability]:
+    """Names and groups of them; that nothing is there; that something is, beyond what is named."""
+    single = [e for e in every if e.model == "name" and len(e.names) == 1]
+    group = [e for e in every if e.model == "name" and len(e.names) > 1]
+    opened = [e for e in every if e.model == "open"]
+    last = {(e.log.root, e.log.case): e for e in every if e.model in ("open", "beyond")}
+    return [
+        *reliability("names", [(said[id(e)], e.true) for e in single]),
+        *reliability("groups", [(said[id(e)], e.true) for e in group]),
+        *reliability("nothing", [(1.0 - said[id(e)], not e.true) for e in opened]),
+        *reliability("unexplained", [(said[id(e)], e.true) for e in last.values()]),
+    ]
+
+
+def draw(rows: Sequence[Reliability], path: Path) -> None:
+    """The reliability diagram, a panel a kind: what was said against what was so."""
+    from matplotlib.figure import Figure
+
+    kinds = list(dict.fromkeys(r.what for r in rows))
+    figure = Figure(figsize=(3.2 * len(kinds), 3.4), layout="constrained")
+    for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
+        mine = [r for r in rows if r.what == kind]
+        axes.plot([0, 1], [0, 1], color="0.7", linestyle="--", linewidth=1)
+        errors = [[r.so - r.low for r in mine], [r.high - r.so for r in mine]]
+        axes.errorbar(
+            [r.said for r in mine], [r.so for r in mine], errors, color="0.1", marker="o", capsize=3
+        )
+        for r in mine:
+            axes.annotate(f"{r.count}", (r.said, r.so), (5, -11), textcoords="offset points", fontsize=8)
+        axes.set(title=kind, xlabel="said", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
+    figure.axes[0].set_ylabel("so (95 %)")
+    figure.savefig(path)

@@ -67,3 +67,22 @@ def turn(vehicle: StaticVehicle, factor: float, numbers: Numbers, condition: str
         return
     refuse_speed(factor, condition, value)
     vehicle.turn_at(lambda u: turning(u, factor - 1.0, numbers))
+
+
+def remembered(power: Array, time_s: Array, memory_s: float) -> Array:
+    """(rows, K) what first-order memories that begin with nothing hold of powers (rows, K).
+
+    Between runs, a gap in time, it falls to nothing as fast.
+    """
+    step = np.diff(time_s, prepend=time_s[:1])
+    usual = float(np.median(step))
+    keep = np.exp(-np.maximum(step, 0.0) / memory_s)
+    took = 1.0 - np.exp(-np.clip(step, 0.0, 2.0 * usual) / memory_s)
+    out = np.empty_like(power)
+    for k, added in enumerate((took[:, None] * power).T):  # by plain numbers: a search asks for it often
+        now, states = 0.0, []
+        for share, more in zip(keep.tolist(), added.tolist(), strict=True):
+            now = now * share + more
+            states.append(now)
+        out[:, k] = states
+    return out

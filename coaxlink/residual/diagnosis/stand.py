@@ -12,6 +12,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.effects import stand_effects
 from coaxlink.effects.blade_speed_law import EFFECT as BLADE_SPEED_LAW
 from coaxlink.effects.blade_speed_law import SLOWEST_POWER, growth
+from coaxlink.effects.drive import remembered
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
@@ -44,6 +45,10 @@ RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4))
 REST, REST_SIZE = 0.005, 0.1  # of normalised speed; of the load, judgement: at rest is not slow
 FORM_SIZES = (0.01, 0.04)  # free forms, judgement: size over the reference load
 BOTH_SPEEDS = "upper_speed & lower_speed"
+# s, of what remembers the power of the rows before: a room's air set turning (10 to 60 s), windings (20 to
+# 180 s), cases, packs and cells (minutes). Half a decade apart (judgement): a form bends by what lies between
+MEMORIES_S = (15.0, 50.0, 150.0, 500.0)
+MEMORY = "power_of_"
 NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
 # of the reference load: the most that a sound cell's zero wanders (OIML R 60, class C3: 0.02 % and creep)
 WITHIN_SPECIFICATION = 0.0007
@@ -74,7 +79,7 @@ def stand_channels(
     }
     # a current or a power follows the load that it turns: it is the cause of none
     logged = {n: v for n, v in stand_variables(frame).items() if not n.endswith(("_A", "_W"))}
-    variables = {n: v for n, v in logged.items() if np.ptp(v) > 0}
+    variables = {n: v for n, v in (logged | _memories(frame)).items() if np.ptp(v) > 0}
     target = reduce(frame.measured - frame.predicted)
     return Channels(
         frame=frame,
@@ -98,6 +103,21 @@ def stand_channels(
         notes=(*frame.notes, *notes),
         impossible=tuple(unable),
     )
+
+
+def _memories(frame: StandFrame) -> dict[str, Array]:
+    """(kept,) by name, what is remembered of both rotors' power, u^3.
+
+    Nobody recorded what it does, and much does: no effect has it for its cause, free forms have.
+    """
+    time = frame.time_s
+    step, span = float(np.median(np.diff(time))), float(np.ptp(time))
+    power = np.sum((frame.speeds if frame.throttles is None else frame.throttles) ** 3, axis=1)
+    return {
+        f"{MEMORY}{memory:.0f}_s": remembered(power[:, None], time, memory)[frame.keep, 0]
+        for memory in MEMORIES_S
+        if 2.0 * step < memory < span
+    }
 
 
 def _wake(frame: StandFrame) -> Array:
@@ -243,7 +263,7 @@ def _forms(
     for variable, values in variables.items():
         if variable in ("upper_speed", "lower_speed") or len(loaded) < 2:
             continue
-        for length in FORM_LENGTHS:
+        for length in FORM_LENGTHS[-1:] if variable.startswith(MEMORY) else FORM_LENGTHS:
             for size in FORM_SIZES:
                 parts = [
                     partial(_form, name=names[k], values=values, length=length, size=size,
@@ -254,7 +274,10 @@ def _forms(
     for k, name in enumerate(names):
         loads = present[k] < 4
         for variable, values in variables.items():
-            if variable in ("upper_speed", "lower_speed"):
+            # the map of upper loads knows nothing of the other rotor
+            if variable == "upper_speed" or (variable == "lower_speed" and present[k] not in (0, 1)):
+                continue
+            if variable.startswith(MEMORY):  # of all loads at once, or none
                 continue
             for length in FORM_LENGTHS:
                 for size in FORM_SIZES:
