@@ -24,7 +24,7 @@ SIDES = {"upper": 0, "lower": 1}
 SHARES = {"thrust_share": 0.05, "torque_share": 0.05}  # starts
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
 # of the throttle: starts of the fit, no judgement
-GAPS = (0.015, 0.03, 0.045, 0.06, 0.09, 0.13)
+GAPS = (0.0015, 0.005, 0.015, 0.03, 0.045, 0.06, 0.09, 0.13)
 RELAY_STEP, RELAY_WIDEST, RELAY_VARIANTS = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
 SPREAD = 1.8  # a start of the fit: the longest way of four elements over the shortest is its cube
@@ -360,7 +360,7 @@ EFFECT = PhysicalEffect(
             for name, what in _FORMS.items()
         ),
         *(Parameter(name, "1", low, high, moves=True, source=_WAYS)
-          for name, low, high in (("reach", 0.004, 0.6), ("spread", 1.02, 3.0), ("power", 0.0, 1.5),
+          for name, low, high in (("reach", 0.0005, 0.6), ("spread", 1.02, 3.0), ("power", 0.0, 1.5),
                                   ("lower_over_upper", 0.2, 5.0))),
         Parameter("fading", "1", 0.0, 1.0, moves=("spread",), source=_WAYS),
         Parameter("share", "1", 0.7, 1.4, amount=True,
