@@ -130,6 +130,34 @@ def test_a_log_without_anything_names_what_it_would_have_taken_for_one_another_a
     assert len(answer.to_json()["next_run"]["pieces"]) > 0
 
 
+def settled(power, memory_s, step_s=2.0):
+    share = -np.expm1(-step_s / memory_s)
+    return lfilter([share], [1.0, share - 1.0], power)
+
+
+@pytest.mark.slow
+def test_a_room_whose_air_goes_round_is_no_heat_of_motors():
+    columns = run(seed=11, rpm=False)
+    air = settled(columns["upper_thrust_N"] + columns["lower_thrust_N"], 25.0)
+    for name in ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm"):
+        columns[name] = columns[name] * (1.0 - 0.12 * air / air.max())
+    del columns["motor_temperature_C"], columns["voltage_V"]
+    answer = refine_stand(Samples(columns, "rig.csv"))
+    assert (answer.effects, answer.ambiguous) == ((), ())
+    assert answer.unexplained
+    why = {r.name: r.why for r in answer.rejected}
+    assert "motor_temperature_C is not in the log" in why["motor_heating"]
+
+
+@pytest.mark.slow
+def test_an_upper_cell_that_feels_the_lower_rotor_is_unexplained_over_its_speed():
+    columns = run(seed=12, rpm=False)
+    columns["upper_torque_Nm"] = columns["upper_torque_Nm"] + 0.15 * columns["lower_throttle"] ** 3
+    answer = refine_stand(Samples(columns, "rig.csv"))
+    assert (answer.effects, answer.ambiguous) == ((), ())
+    assert ("upper_torque", ("lower_speed",)) in {(u.channel, u.depends_on) for u in answer.unexplained}
+
+
 def test_what_was_never_measured_is_one_line():
     columns = run(seed=5)
     columns["upper_thrust_N"] = np.where(np.arange(len(columns["upper_thrust_N"])) == 7, 1e30, 1.0)
