@@ -263,7 +263,14 @@ def _forms(
     for variable, values in variables.items():
         if variable in ("upper_speed", "lower_speed") or len(loaded) < 2:
             continue
-        for length in FORM_LENGTHS[-1:] if variable.startswith(MEMORY) else FORM_LENGTHS:
+        if variable.startswith(MEMORY):
+            length = max(FORM_LENGTHS)
+            for size in FORM_SIZES:
+                out[f"{variable}|{LOADS}|{length}|{size}"] = partial(
+                    _alike, values, length, size, weights, loaded
+                )
+            continue
+        for length in FORM_LENGTHS:
             for size in FORM_SIZES:
                 parts = [
                     partial(_form, name=names[k], values=values, length=length, size=size,
@@ -315,6 +322,14 @@ def _over_both(
 def _together(parts: Sequence[Callable[[], Block]]) -> Block:
     columns, deviation = joined([part() for part in parts])
     return Block(LOADS, columns, deviation)
+
+
+def _alike(values: Array, length: float, size: float, weights: Array, loaded: Sequence[int]) -> Block:
+    """Every load by one share of itself: air that goes round meets all blades alike."""
+    f, d = waves(values, length)
+    columns = np.zeros((*weights.shape, len(d)))
+    columns[:, loaded] = f[:, None] * weights[:, loaded, None]
+    return Block(LOADS, columns, d * size)
 
 
 def _form(
