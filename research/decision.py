@@ -3,7 +3,8 @@
 `python research/tracing.py SET... --train F.toml [--picture F.svg]` calls it: it writes the numbers, and
 prints of every author the answers by numbers and levels that were trained on the others alone (nested, so no
 level was chosen on them either), and how often what was said with a probability was so: the reliability
-diagram, of names, of `nothing` and of `unexplained`.
+diagram, of names, of `nothing` and of `unexplained`. With `--picture` alone the diagram is of the numbers as
+shipped, so of authors that they have not seen.
 
 Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World (2005); Sadinle, Lei and Wasserman, Least
 ambiguous set-valued classifiers (2019): the levels.
@@ -173,50 +174,79 @@ class Decider:
         }
 
 
-def decider(every: Sequence[Example]) -> Decider:
-    """Trained on these examples; its levels by their authors, each left out in turn."""
+MODELS = {"name": ("name", "group"), "open": ("open",)}  # and their levels
+
+
+def decider(every: Sequence[Example], trained: Sequence[str]) -> Decider:
+    """Of these models trained on these examples, the others as shipped; levels by authors, each left out in
+    turn.
+    """
+    from coaxlink.residual.diagnosis.decide import calibration
+
     authors = sorted({e.author for e in every})
     said: dict[int, float] = {}
-    for author, model in itertools.product(authors, ("name", "open")):
+    for author, model in itertools.product(authors, trained):
         fitted = logistic([e for e in every if e.model == model and e.author != author])
         said |= {id(e): fitted(e.terms) for e in every if e.model == model and e.author == author}
-    level = {
-        kind: max(_level([e for e in every if e.author == a], said, kind) for a in authors) for kind in SHARES
-    }
-    models = {model: logistic([e for e in every if e.model == model]) for model in ("name", "open")}
+    shipped = calibration()
+    level = dict(shipped["level"])
+    models = {model: Logistic(shipped[model]["intercept"], shipped[model]["weights"]) for model in MODELS}
+    for model in trained:
+        models[model] = logistic([e for e in every if e.model == model])
+        for kind in MODELS[model]:
+            level[kind] = max(_level([e for e in every if e.author == a], said, kind) for a in authors)
     return Decider(models, level)
 
 
-def train(logs: Sequence[Log], answers: Sequence[Answer], path: Path, picture: Path | None = None) -> None:
+def train(
+    logs: Sequence[Log],
+    answers: Sequence[Answer],
+    path: Path,
+    picture: Path | None = None,
+    trained: Sequence[str] = tuple(MODELS),
+) -> None:
     """Write the decision's numbers; print how they do on every author when he is left out."""
     import tomli_w
+
+    from coaxlink.residual.diagnosis.decide import calibration
 
     every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
     authors = sorted({e.author for e in every})
     said: dict[int, float] = {}
     scores: list[Score] = []
     for author in authors:
-        others = decider([e for e in every if e.author != author])
+        others = decider([e for e in every if e.author != author], trained)
         models = {**others.models, "beyond": others.models["open"]}
         said |= {id(e): models[e.model](e.terms) for e in every if e.author == author}
         for log, answer in zip(logs, answers, strict=True):
             if author_of(log) == author:
                 scores.append(score(log, others.again(answer)))
-    whole = decider(every)
+    whole = decider(every, trained)
     out: dict[str, Any] = {"level": {k: round(v, 4) for k, v in whole.level.items()}}
     for model, fitted in whole.models.items():
         weights = {k: round(w, 5) for k, w in fitted.weights.items()}
         out[model] = {"intercept": round(fitted.intercept, 5), "weights": weights}
-    trained = Counter(e.author for e in every if e.model == "open")
-    head = "# written by: python research/tracing.py SET... --train; logs: "
-    path.write_text(
-        head + ", ".join(f"{a} {n}" for a, n in sorted(trained.items())) + "\n" + tomli_w.dumps(out)
-    )
+    seen = Counter(e.author for e in every if e.model == "open")
+    logs_of = ", ".join(f"{a} {n}" for a, n in sorted(seen.items()))
+    out["logs"] = calibration()["logs"] | dict.fromkeys(trained, logs_of)
+    path.write_text("# written by: python research/tracing.py SET... --train\n" + tomli_w.dumps(out))
     print(f"levels {out['level']}\nevery author left out in turn:\n{table(scores)}")
     rows = diagram(every, said)
     print("\n".join(map(str, rows)))
     if picture:
         draw(rows, picture)
+
+
+def told(logs: Sequence[Log], answers: Sequence[Answer], picture: Path) -> None:
+    """Print and draw how often what the answers said with a probability was so."""
+    from coaxlink.residual.diagnosis.decide import probability
+
+    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
+    said = {id(e): probability("open" if e.model == "beyond" else e.model, e.terms) for e in every}
+    flown = [(said[id(e)], e.true) for e in every if e.model == "flight"]
+    rows = [*diagram(every, said), *reliability("names in flight", flown)]
+    print("\n".join(map(str, rows)))
+    draw(rows, picture)
 
 
 ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight with

@@ -3,7 +3,8 @@ numbers.
 
     python research/tracing.py SET... [--kind stand|flight] [--name NAME] [--only CASE,...] [--rows]
     python research/tracing.py SET... --against NAME    # rows: the answers of two methods side by side
-    python research/tracing.py SET... --train coaxlink/residual/diagnosis/calibration.toml [--picture F.svg]
+    python research/tracing.py SET... --train coaxlink/residual/diagnosis/calibration.toml [--models open]
+    python research/tracing.py SET... --picture F.svg    # the reliability diagram, also with --train
     python research/tracing.py SET... --kind flight --train .../diagnosis/calibration_flights.toml
     PYTHONPATH=../old python research/tracing.py SET... --name old    # another checkout
     python research/tracing.py --small
@@ -436,7 +437,8 @@ def main() -> None:
     parser.add_argument("--rows", action="store_true", help="a row a log")
     parser.add_argument("--kept", action="store_true", help="score what is answered already")
     parser.add_argument("--train", type=Path, metavar="F.toml", help="write the decision's numbers")
-    parser.add_argument("--picture", type=Path, metavar="F.svg", help="with --train: the reliability diagram")
+    parser.add_argument("--models", nargs="+", choices=("name", "open"), default=["name", "open"])
+    parser.add_argument("--picture", type=Path, metavar="F.svg", help="the reliability diagram")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "coaxlink-tracing")
     a = parser.parse_args()
     if a.small:
@@ -465,9 +467,16 @@ def main() -> None:
     if a.train:
         import decision
 
-        how = decision.train_flights if a.kind == ["flight"] else decision.train
-        how(logs, [ask(log) for log in logs], a.train, a.picture)
-    elif a.rows:
+        answers = [ask(log) for log in logs]
+        if a.kind == ["flight"]:
+            decision.train_flights(logs, answers, a.train, a.picture)
+        else:
+            decision.train(logs, answers, a.train, a.picture, a.models)
+    elif a.picture:
+        import decision
+
+        decision.told(logs, [ask(log) for log in logs], a.picture)
+    if a.rows and not a.train:
         print("\n".join(row(s) for s in scores))
     print(table(scores))
     if a.small:

@@ -121,7 +121,7 @@ def terms_of(candidate: Candidate) -> dict[str, float]:
     for kind, way in product(("free", "cause", "rival") if len(candidate.names) == 1 else (), WAYS):
         most = numbers[f"nothing_{way}"] - float(ODDS)
         numbers[f"{kind}_{way}"] = min(numbers[f"{kind}_{way}"], most)
-    out = {name: numbers[name] for name in ("beside", "ends", "forms", "load", "members")}
+    out = {name: numbers[name] for name in ("beside", "forms", "load", "members")}
     for way in WAYS:
         out[f"rival_{way}"] = numbers[f"rival_{way}"]
         out[f"weakest_{way}"] = min(numbers[f"{kind}_{way}"] for kind in ("nothing", "free", "rival"))
@@ -141,7 +141,7 @@ def flown_terms(nats: float) -> dict[str, float]:
     return {"tempered": _scaled("tempered", nats)}
 
 
-PLAIN = ("agree", "beside", "ends", "forms", "load", "members")  # numbers that are no nats
+PLAIN = ("agree", "beside", "forms", "load", "members")  # numbers that are no nats
 
 
 def _scaled(name: str, value: float) -> float:

@@ -21,10 +21,9 @@ from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior, density_by_block
-from coaxlink.residual.regression.joint_model import Member, composed
+from coaxlink.residual.regression.joint_model import composed
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
-AT_END = 1e-3  # of the range between a number's bounds: rounding
 MOST = 3000.0  # nats: where no set of a kind was worth a visit
 
 
@@ -65,7 +64,6 @@ class Features:
         beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
         numbers["load"] = float(np.log(max(rms[c] / ch.reference[c], 1e-6) / EFFECT_SIZE))
-        numbers["ends"] = float(at_ends(ch, next(m for m in lead.members if m.name == name)))
         numbers["freed"] = self._freed(name) if others else MOST
         # what else it took to explain the log: a log that is not understood tells less
         numbers["members"] = float(len(lead.members))
@@ -184,13 +182,6 @@ def forms_of(ch: Channels, h: Hypothesis) -> dict[tuple[str, str], Array]:
         for c in np.flatnonzero(block.columns.any(axis=(0, 2))):
             out[form, ch.names[c]] = np.asarray(added[:, c] - np.mean(added[:, c]))
     return out
-
-
-def at_ends(ch: Channels, m: Member) -> int:
-    """How many of a member's numbers stand where physics ends: there they are no estimates."""
-    limits = m.effect.free(ch.bare, m.shape)
-    ends = [(limits[key], m.shape[key]) for key in m.keys]
-    return sum(min(x - low, high - x) <= AT_END * (high - low) for (low, high), x in ends)
 
 
 def added_by(ch: Channels, h: Hypothesis, name: str) -> Array:
