@@ -444,6 +444,7 @@ def main() -> None:
     if a.small:
         a.folder, a.sets, a.kind = Path(tempfile.mkdtemp()), ["own:0"], ["stand"]
         a.only = "air_density-0,clean-0"
+        a.picture = a.folder / "reliability.svg"
     only = a.only.split(",") if a.small else ()
     logs = [log for name in a.sets for log in logs_of(name, a.folder, a.kind, only)]
     logs = [log for k, log in enumerate(logs) if k % a.every == 0]
