@@ -139,6 +139,7 @@ class SmoothSurface:
     unit: str
 
 
+POWER_OF = "power_of_"  # begins the name of a variable: both rotors' power, u^3, remembered for so long
 HIDDEN = 0.3  # of the reference load: no effect takes more, so a log that shows only that shows nothing of it
 
 

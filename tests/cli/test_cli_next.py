@@ -58,6 +58,7 @@ def test_other_answers():
                 "--plan PLAN.toml writes the run that separates a from b",
             ),
             (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
+            (answer(unexplained=[SimpleNamespace(depends_on=("power_of_50_s",))]), "after a rest"),
         ):
             with case(f"{found}, {said}"):
                 line = after_refine(found, None, True)

@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from coaxlink.residual import Refinement
 
 WEAK = "ground it, change its propeller or motor, fly the check again"
+_WARM = (
+    "the same points after a rest and after minutes at full load, doors open, motor_temperature_C and "
+    "voltage_V recorded: the room's air, warm motors or the supply"
+)
 _OPTIONS = {
     "battery_voltage": "--voltage V",
     "ground_effect": "--height M",
@@ -24,6 +28,7 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
     `airframe` is the file that the user named, None if none.
     """
     from coaxlink.report.refine import above_floor
+    from coaxlink.residual.result import POWER_OF
 
     names = [effect.name for effect in result.effects]
     for doubt in result.ambiguous:
@@ -41,6 +46,8 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
         return f"next: {result.ambiguous[0].separate_by or 'more data'}; no model was changed"
     if result.unexplained:
         first = result.unexplained[0]
+        if any(name.startswith(POWER_OF) for name in first.depends_on):
+            return f"next: {_WARM}; no model was changed"
         more = "flights" if flight else "sweeps"
         return f"next: {more} that vary {', '.join(first.depends_on)} alone; no model was changed"
     if left := above_floor(result):

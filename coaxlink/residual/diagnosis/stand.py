@@ -20,6 +20,7 @@ from coaxlink.residual.diagnosis.channels import LOADS, Channels, possible
 from coaxlink.residual.diagnosis.meters import calmed
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, joined, products, waves
 from coaxlink.residual.regression.joint_model import composed
+from coaxlink.residual.result import POWER_OF
 from coaxlink.rotor import RotorModel
 
 # of a nuisance model fitted to the log itself: the coaxial rotor model's (Berra et al. 2024). What it misses
@@ -48,7 +49,6 @@ BOTH_SPEEDS = "upper_speed & lower_speed"
 # s, of what remembers the power of the rows before: a room's air set turning (10 to 60 s), windings (20 to
 # 180 s), cases, packs and cells (minutes). Half a decade apart (judgement): a form bends by what lies between
 MEMORIES_S = (15.0, 50.0, 150.0, 500.0)
-MEMORY = "power_of_"
 NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
 # of the reference load: the most that a sound cell's zero wanders (OIML R 60, class C3: 0.02 % and creep)
 WITHIN_SPECIFICATION = 0.0007
@@ -114,7 +114,7 @@ def _memories(frame: StandFrame) -> dict[str, Array]:
     step, span = float(np.median(np.diff(time))), float(np.ptp(time))
     power = np.sum((frame.speeds if frame.throttles is None else frame.throttles) ** 3, axis=1)
     return {
-        f"{MEMORY}{memory:.0f}_s": remembered(power[:, None], time, memory)[frame.keep, 0]
+        f"{POWER_OF}{memory:.0f}_s": remembered(power[:, None], time, memory)[frame.keep, 0]
         for memory in MEMORIES_S
         if 2.0 * step < memory < span
     }
@@ -263,7 +263,7 @@ def _forms(
     for variable, values in variables.items():
         if variable in ("upper_speed", "lower_speed") or len(loaded) < 2:
             continue
-        if variable.startswith(MEMORY):
+        if variable.startswith(POWER_OF):
             length = max(FORM_LENGTHS)
             for size in FORM_SIZES:
                 out[f"{variable}|{LOADS}|{length}|{size}"] = partial(
@@ -284,7 +284,7 @@ def _forms(
             # the map of upper loads knows nothing of the other rotor
             if variable == "upper_speed" or (variable == "lower_speed" and present[k] not in (0, 1)):
                 continue
-            if variable.startswith(MEMORY):  # of all loads at once, or none
+            if variable.startswith(POWER_OF):  # of all loads at once, or none
                 continue
             for length in FORM_LENGTHS:
                 for size in FORM_SIZES:
