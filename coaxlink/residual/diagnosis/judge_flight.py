@@ -41,6 +41,7 @@ from coaxlink.residual.result import (
     FoundEffect,
     Refinement,
     Step,
+    Unexplained,
     WouldShow,
     probability,
 )
@@ -148,7 +149,20 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     with suppress(np.linalg.LinAlgError):
         said = replace(said, would_show=_least(ch, members, said, c.problem))
         said = _weighed_anew(said, ch, members)
-    return said
+    return _or_small(said, c)
+
+
+def _or_small(said: Refinement, c: _Choice) -> Refinement:
+    """An answer that would say nothing, with what is beyond the noise but too small for a name left open."""
+    t, p = c.selection.small, c.problem
+    if t is None or said.effects or said.ambiguous or said.unexplained or said.suspect_data:
+        return said
+    channel = p.channels[t.channel]
+    label, _ = t.option.effect.cause(p.frame, t.option.shape, channel)
+    size_of = f"{100 * t.size:.2g} % of the load, as {t.option.name} would have it"
+    where = f"{label}: {size_of}: beyond the noise, but too small to be named"
+    size = t.size * float(p.reference[t.channel])
+    return replace(said, unexplained=(Unexplained(channel, (label,), size, where),))
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:

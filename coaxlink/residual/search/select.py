@@ -41,6 +41,11 @@ class Selection:
     doubtful: list[Option] = field(default_factory=list)  # members that a rival equals: not claimed
     problem: Problem | None = None  # whose options all these are
 
+    @property
+    def small(self) -> Trial | None:
+        """What the data demand most of all that was left out for its size alone."""
+        return max((t for t in self.last.values() if t.only_small), key=lambda t: t.gain, default=None)
+
 
 def select(problem: Problem) -> Selection:
     """Choose effects for a problem; see the module's text."""

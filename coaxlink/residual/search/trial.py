@@ -41,11 +41,17 @@ class Trial:
     refused: str | None
     total: float  # held-out square sum left
     least: float = SIZE  # size that counts
+    channel: int = 0  # where it is that large
 
     @property
     def real(self) -> bool:
         """Whether the data demand it and physics allows it, however small it is."""
         return self.gain > 0 and self.p_value <= ALPHA and self.refused is None
+
+    @property
+    def only_small(self) -> bool:
+        """Whether its size alone keeps it out."""
+        return self.real and self.size < self.least and self.share >= GAIN
 
     @property
     def why_not(self) -> str | None:
@@ -118,7 +124,8 @@ class Judge:
         drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
         p_value = min(1.0, self.looks * self._chance(drop, len(whole) - len(without), whole))
         change = self._nuisance @ (full - null)[p.nuisance] + added @ (full - null)[beyond]
-        size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
+        sizes = np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0)
+        size = float(sizes.max())
         mine = self.worth_of(option.columns, full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
@@ -138,6 +145,7 @@ class Judge:
             refused,
             total,
             p.clear_size if share > CLEAR else SIZE,
+            int(np.argmax(sizes)),
         )
 
     def _chance(self, drop: Array, numbers: int, use: Index) -> float:

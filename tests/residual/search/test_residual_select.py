@@ -46,3 +46,10 @@ def test_less_than_a_form_may_err_by_is_no_second_effect(noise, share, said):
     waves = [np.sin(k * np.arange(ROWS) / 7.0)[:, None] * [1.0, 1.0] for k in (1, 3)]
     big, small = (effect(n, w[:, :, None]) for n, w in zip(("big", "small"), waves, strict=True))
     assert names(select(problem(noise + 30.0 * (waves[0] + share * waves[1]), big, small))) == said
+
+
+@pytest.mark.parametrize(("amount", "left"), [(0.0, None), (0.45, "small")])
+def test_what_is_beyond_the_noise_but_too_small_for_a_name_is_kept(noise, amount, left):
+    wave = np.sin(np.arange(ROWS) / 7.0)[:, None] * [1.0, 1.0]
+    chosen = select(problem(0.5 * noise + amount * wave, effect("small", wave[:, :, None])))
+    assert names(chosen) == [] and (chosen.small and chosen.small.option.name) == left
