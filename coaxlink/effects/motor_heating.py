@@ -25,12 +25,15 @@ MAGNETS = -0.3
 # power that a motor turns out, and where current goes with speed squared that is 0.13 of the speed; a case
 # is cooler by up to a third
 COPPER = 0.2
-LEAST_K = 3.0
+LEAST_K = 3.0  # twice what a thermocouple of class 1 is off by (IEC 60584-1)
 OWN_S = (20.0, 60.0, 180.0)  # starts of the fit: windings of motors of 0.1 to 1 kg (judgement)
 
 
-def _heat(frame: StandFrame) -> Array:
-    """(rows,) temperature over 25 C in 100 K."""
+def _heat(frame: StandFrame, p: Numbers) -> Array:
+    """(rows,) temperature over 25 C in 100 K; of an earlier version's file, what the throttles put in."""
+    if "memory_s" in p:
+        power = np.sum(drive(frame) ** 3, axis=1, keepdims=True)
+        return remembered(power, frame.time_s, p["memory_s"])[:, 0]
     logged = frame.context("motor_temperature_C")
     assert logged is not None
     return (logged - 25.0) / 100.0
@@ -75,10 +78,12 @@ def _own_heat(frame: StandFrame, memory_s: float) -> Array:
 
 
 def _cause(frame: StandFrame, p: Numbers, channel: str) -> tuple[str, Array]:
+    if "memory_s" in p:
+        return "heat put in", _heat(frame, p)
     if "own_s" in p:
         own = _own_heat(frame, p["own_s"])
         return "motor_temperature_C", own[:, 1 if channel.startswith("lower") else 0]
-    return "motor_temperature_C", 25.0 + 100.0 * _heat(frame)
+    return "motor_temperature_C", 25.0 + 100.0 * _heat(frame, p)
 
 
 def _felt(p: Numbers, heat: Array) -> Array:
@@ -87,7 +92,7 @@ def _felt(p: Numbers, heat: Array) -> Array:
 
 
 def _adds(frame: StandFrame, p: Numbers) -> Array:
-    lost = p["speed_loss_per_100K"] * np.tile(_felt(p, _heat(frame))[:, None], 2)
+    lost = p["speed_loss_per_100K"] * np.tile(_felt(p, _heat(frame, p))[:, None], 2)
     if "own_s" in p:
         lost = lost + p["own_speed_loss"] * _own_heat(frame, p["own_s"])
     if "side" in p:
@@ -112,7 +117,7 @@ STAND: Tracing[StandFrame] = Tracing(
 
 def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     degrees = vehicle.at.motor_temperature_C
-    if degrees is None:
+    if degrees is None or "memory_s" in p:
         raise LeftOut(_TEMPERATURE_UNKNOWN)
     if "side" in p:
         raise LeftOut(_ONE_MOTOR)
@@ -140,6 +145,8 @@ EFFECT = PhysicalEffect(
             source="wide: any value between the bounds; windings follow their current within minutes"),
         Parameter("side", "1", 0.0, 1.0,
             source="a number of the pair's rotors (0 upper, 1 lower), each as likely"),
+        Parameter("memory_s", "s", 1.0, 10_000.0,
+            source="wide: any value between the bounds; only in older rotor files, no search has it"),
         LOAD,
         Parameter("fading", "1", -0.5, 2.0, moves=True,
             source="wide: any value between the bounds; current falls with the speed, and heat with it"),

@@ -25,7 +25,7 @@ from firmware_params import ardupilot, px4
 from firmware_params.errors import TableError
 
 _TITLE = "coaxlink backup"
-_FILES = ".files"
+FILES = ".files"  # of the folder beside a backup
 _TABLE, _TABLE_FILE = "Table: ", "Table-File: "
 _IN_A_LINE = 6
 
@@ -70,7 +70,7 @@ def _reserved(folder: Path, identity: Identity, suffix: str) -> Path:
         path = folder / f"{board}-{stamp}{f'-{again}' if again > 1 else ''}{suffix}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            path.with_suffix(_FILES).lstat()
+            path.with_suffix(FILES).lstat()
         except FileNotFoundError:
             try:
                 path.open("x").close()
@@ -100,7 +100,7 @@ def write_backup(
     try:
         _write(path, identity, snapshot, files, note)
     except BaseException:
-        shutil.rmtree(path.with_suffix(_FILES), ignore_errors=True)
+        shutil.rmtree(path.with_suffix(FILES), ignore_errors=True)
         path.unlink(missing_ok=True)
         raise
     return path
@@ -126,7 +126,7 @@ def _write(path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles
     ]
     for board_path, data in files.items():
         if data is not None:
-            write_atomic(path.with_suffix(_FILES) / Path(board_path).name, data)
+            write_atomic(path.with_suffix(FILES) / Path(board_path).name, data)
     try:
         if plain:
             ardupilot.write_param_file(path, numbers, header)
@@ -161,7 +161,7 @@ def read_backup(path: Path) -> Backup:
         raise InputError(
             path, "", f"{head['Count']} parameters are expected, found {len(params)}: it was cut"
         )
-    folder = path.with_suffix(_FILES)
+    folder = path.with_suffix(FILES)
     files = {p.name: read_bytes(p) for p in sorted(folder.glob("*")) if p.is_file()}
     if head.get("Files", "0") != str(len(files)):
         raise InputError(folder, "", f"{head.get('Files', '0')} files are expected, found {len(files)}")

@@ -14,6 +14,7 @@ from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Number, Value
+from coaxlink.uploading.backup import FILES
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot.owned import OWNED as AP_OWNED
 from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS
@@ -91,7 +92,7 @@ def load_plan(source: Path) -> Plan:
     types = {name: read.types[name] for name in params if name in read.types}
     if read.firmware == "px4":
         return Plan("px4", (source,), params, types, tuple(notes))
-    backed_up = source.with_suffix(".files")  # beside a backup, as `upload` writes it
+    backed_up = source.with_suffix(FILES)
     folder = backed_up if backed_up.is_dir() else source.parent / "scripts"
     paths = sorted(folder.glob("*.lua"))
     scripts = {path.name: files.read_bytes(path) for path in paths}

@@ -15,7 +15,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import EffectEntry, load_rotor_model
-from coaxlink.vehicle import Conditions, Vehicle
+from coaxlink.vehicle import Conditions, Vehicle, load_rotors
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -249,3 +249,13 @@ def test_numbers_that_cannot_be_are_refused_with_their_key():
     ):
         with pytest.raises(InputError, match=said):
             vehicle_with(EffectEntry(name, numbers), **at)
+
+
+def test_heat_that_an_earlier_version_worked_out_is_read_and_left_out_as_then(tmp_path):
+    entry = (
+        '\n[[effects]]\nname = "motor_heating"\nparameters = {speed_loss_per_100K = 0.05, memory_s = 100.0}\n'
+    )
+    path = tmp_path / "old.toml"
+    path.write_text((EXAMPLES / "rotor_paper.toml").read_text() + entry)
+    old = Vehicle(X8, load_rotors(path), Conditions(motor_temperature_C=90.0))
+    assert "winding" in old.left_out["motor_heating"] and old.model.terms() == CRM.terms()
