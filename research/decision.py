@@ -28,8 +28,8 @@ RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
 EITHER_WAY = ("group",)  # of the others, more lowers the probability
 RIDGE = 3.0  # of a weight in standard deviations of its term
 # share of an author's logs that get a false name; a group of names without any that is there; of his clean
-# ones, an open end
-SHARES = {"name": 0.01, "group": 0.03, "open": 0.03}
+# ones, an open end; of all flights a false name
+SHARES = {"name": 0.01, "group": 0.03, "open": 0.03, "flight": 0.01}
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,10 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
         true = bool(there & {*names}) if len(names) > 1 else names[0] in there and log.sort != "ambiguous"
         if log.sort == "real":
             continue
+        if numbers.get("bound"):  # no name, whatever its evidence
+            continue
         if log.kind == "flight":
-            yield Example(log, "flight", names, flown_terms(numbers["tempered"]), true)
+            yield Example(log, "flight", names[:1], flown_terms(numbers["tempered"]), true)
         else:
             yield Example(log, "name", names, terms_of(Candidate(names, numbers)), true)
 
@@ -255,7 +257,9 @@ ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight wi
 def train_flights(
     logs: Sequence[Log], answers: Sequence[Answer], path: Path, picture: Path | None = None
 ) -> None:
-    """Write the probability of a flight's names; print how it does on every set when that is left out."""
+    """Write the probability of a flight's names and the level of what is said; print how they do on every set
+    when that is left out.
+    """
     import tomli_w
 
     every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
@@ -263,30 +267,42 @@ def train_flights(
     for root in {e.log.root for e in every}:
         fitted = logistic([e for e in every if e.log.root != root], ONE_TERM)
         said |= {id(e): fitted(e.terms) for e in every if e.log.root == root}
-    fitted = logistic(every, ONE_TERM)
+    fitted = logistic(every, ONE_TERM)  # of one term: its level is a number of nats, whoever is left out
+    own = {id(e): fitted(e.terms) for e in every}
+    level = _level(every, own, "flight", len(logs))
+    clean, count = [e for e in every if e.log.sort == "clean"], sum(log.sort == "clean" for log in logs)
+    opened = min(level, _level(clean, own, "flight", count, SHARES["open"]))
     weights = {k: round(w, 5) for k, w in fitted.weights.items()}
     counts = Counter(e.author for e in every)
     head = "# written by: python research/tracing.py SET... --kind flight --train; names: "
     said_of = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
-    out = {"flight": {"intercept": round(fitted.intercept, 5), "weights": weights}}
+    out: dict[str, Any] = {"level": {"name": round(level, 4), "open": round(opened, 4)}}
+    out["flight"] = {"intercept": round(fitted.intercept, 5), "weights": weights}
     path.write_text(f"{head}{said_of}\n{tomli_w.dumps(out)}")
     rows = reliability("names in flight", [(said[id(e)], e.true) for e in every])
-    print("every set left out in turn", *rows, sep="\n")
+    print(f"levels {level:.4f}, {opened:.4f}, every set left out in turn", *rows, sep="\n")
     if picture:
         draw(rows, picture)
 
 
-def _level(mine: Sequence[Example], said: dict[int, float], kind: str) -> float:
-    """From where on at most the kind's share of an author's logs has something said that is not so."""
+def _level(
+    mine: Sequence[Example], said: dict[int, float], kind: str, count: int = 0, share: float = 0.0
+) -> float:
+    """From where on at most the kind's share of an author's logs has something said that is not so.
+
+    Of `count` logs, where some have no candidate at all.
+    """
     worst: dict[tuple[Path, str], float] = {}
     for e in mine:
         if kind == "open" and (e.log.sort != "clean" or e.model != "open"):
             continue
         key = (e.log.root, e.log.case)
-        wrong = not e.true and e.kind == kind and not (kind == "name" and e.log.sort == "ambiguous")
+        wrong = (
+            not e.true and e.kind == kind and not (kind in ("name", "flight") and e.log.sort == "ambiguous")
+        )
         worst[key] = max(worst.get(key, 0.0), said[id(e)] if wrong else 0.0)
     ranked = sorted(worst.values(), reverse=True)
-    allowed = round(SHARES[kind] * len(ranked))
+    allowed = round((share or SHARES[kind]) * max(count, len(ranked)))
     return ranked[allowed] + 1e-4 if len(ranked) > allowed else 0.0
 
 

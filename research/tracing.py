@@ -10,7 +10,8 @@ numbers.
     python research/tracing.py --small
 
 A SET is a folder with a `truth.json` (`../shared/worlds/closed1/stand`), or an author and seeds: `own:0-2`
-and `sim:0-2` (`worlds/own.py`: our stands, the bench and the flights of `sim`), `one:11`, `two:3`
+and `sim:0-2` (`worlds/own.py`: our stands, the bench and the flights of `sim`), `board:0` (real autopilots on
+the paper's vehicle, `../shared/data/flights`), `one:11`, `two:3`
 (`../shared/worlds/authors`), or a folder of `research/worlds` (`author3:1`). What a generator writes is kept
 in `--folder`, and so is every answer, under the method's hash or a name; the same command goes on.
 
@@ -128,6 +129,9 @@ def write_worlds(author: str, kind: str, seed: int, root: Path, only: Collection
     if author in ("own", "sim"):
         truths = _ours(author, kind, seed, draft, only)
         (draft / "truth.json").write_text(json.dumps(truths))
+    elif author == "board":
+        truths = _of_boards(draft) if kind == "flight" else {}
+        (draft / "truth.json").write_text(json.dumps(truths))
     elif author == "two":
         truths = _of_two(kind, seed, draft)
         (draft / "truth.json").write_text(json.dumps(truths))
@@ -142,6 +146,26 @@ def write_worlds(author: str, kind: str, seed: int, root: Path, only: Collection
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=script.parent)
     if not root.exists():
         draft.replace(root)
+
+
+def _of_boards(root: Path) -> dict[str, Truth]:
+    """Real firmware on the paper's vehicle, whose motors lag by 20 ms."""
+    examples = HERE.parent / "examples"
+    vehicle = (examples / "x8_paper.toml").read_text()
+    (root / "x8.toml").write_text(f"motor_lag_s = 0.02\n{vehicle}")
+    shutil.copy(examples / "rotor_paper.toml", root / "rotor_paper.toml")
+    found = {"px4_null_fitted.ulg": [], "ap_null.bin": [], "px4_rotor_drag.ulg": ["rotor_drag"]}
+    return {
+        log.split(".")[0]: {
+            "log": str(WORLDS.parent / "data" / "flights" / log),
+            "kind": "effect" if hidden else "clean",
+            "effects": hidden,
+            "accept": [],
+            "airframe": "x8.toml",
+            "rotor": "rotor_paper.toml",
+        }
+        for log, hidden in found.items()
+    }
 
 
 def _of_two(kind: str, seed: int, root: Path) -> dict[str, Truth]:

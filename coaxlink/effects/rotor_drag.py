@@ -98,14 +98,14 @@ def _form(p: Numbers) -> str:
 
 
 def _further(frame: FlightFrame, p: Numbers) -> Sequence[Numbers]:
-    """Other forms of the same size, and from a drag that does not level off to one that may, at any speed."""
+    """Other forms of the same size that level off alike, or from one that does not, one that may."""
     usual = {form: _usual(frame, {form: 1.0}) for form in UNITS if form != BY_SQUARE}
     mine = _form(p)
-    if mine not in usual or "saturation_m_s" in p:
+    if mine not in usual:
         return []
-    size, share = p[mine] * usual[mine], {"moment_share": p["moment_share"]}
-    others = [{form: size / each, **share} for form, each in usual.items() if form != mine]
-    return [*others, {**p, "saturation_m_s": 12.0}]
+    size, rest = p[mine] * usual[mine], {name: value for name, value in p.items() if name != mine}
+    others = [{form: size / each, **rest} for form, each in usual.items() if form != mine]
+    return others if "saturation_m_s" in p else [*others, {**p, "saturation_m_s": 12.0}]
 
 
 def _usual(frame: FlightFrame, form: Numbers) -> float:

@@ -35,7 +35,7 @@ from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.channels.row_order import in_order_of_time
-from coaxlink.residual.diagnosis.judge_flight import CLEARLY, judge_flight
+from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.faults.contradictions import motors_too_many
 from coaxlink.residual.nuisance.flight_corrections import (
     ACCEL_BIAS_M_S2,
@@ -50,6 +50,7 @@ Progress = Callable[[str], None]
 # effects that are a premise's own number: finding one is measuring it
 OWN = {"mass_kg": "mass_change", "motor_lag_s": "rotor_lag"}
 AT_BOUND = 0.999  # of a correction's bound
+CLEARLY = 0.1  # of the logarithm of errors, channels together, that another number must leave less
 LARGEST = 1e17  # microseconds of a clock reach 1e16; nothing on a vehicle is larger in SI units
 
 

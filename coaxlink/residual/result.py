@@ -79,16 +79,6 @@ def probability(weighed: float) -> float:
     return round(AMONG_KNOWN * weighed, 4)
 
 
-def probabilities(behind: Sequence[float]) -> tuple[float, ...]:
-    """Of each name of a doubt, from how many nats it lies behind the first.
-
-    >>> probabilities([0.0, 0.0])
-    (0.49, 0.49)
-    """
-    odds = np.exp(-np.clip(behind, -700.0, 700.0))
-    return tuple(probability(float(p)) for p in odds / np.sum(odds))
-
-
 AT = " of rotor "  # between the name of an effect and its place, where the place is what is ambiguous
 
 

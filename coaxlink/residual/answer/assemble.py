@@ -1,4 +1,4 @@
-"""The answer of a selection: effects with intervals and evidence, rivals, and what stays unexplained."""
+"""The answer of a judgement: effects with intervals and evidence, rivals, and what stays unexplained."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from scipy.stats import truncnorm
 from coaxlink.data.samples import Samples
 from coaxlink.effects.onset import COMES
 from coaxlink.frames import Array, FlightFrame, StandFrame
-from coaxlink.residual.experiments.manoeuvres import flight_experiment
-from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.nuisance.rebased_model import rebased_flight
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.regression.coloured_noise import Colours, period_of
@@ -28,15 +26,13 @@ from coaxlink.residual.result import (
     Refinement,
     Rejected,
     Series,
+    Step,
     Suspect,
     Unexplained,
-    probability,
 )
-from coaxlink.residual.search.select import Selection
 from coaxlink.rotor import EffectEntry, RotorModel
 
 DRAWS = 200
-MANY_READINGS = 1000  # independent ones, more than a run has: rows like these do not separate two effects
 SERIES_ROWS = 4000
 OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
 # times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
@@ -49,7 +45,7 @@ class Judged:
     """All that an answer is made of; `joint` holds the members and the doubtful ones."""
 
     problem: Problem  # before: the model as it came
-    selection: Selection
+    claims: frozenset[str]  # names of members that are claimed
     joint: Joint
     floor: Array  # (C,) noise floor
     variables: Mapping[str, Array]
@@ -57,18 +53,18 @@ class Judged:
     suspects: tuple[Suspect, ...] = ()
     notes: tuple[str, ...] = ()
     labelled: bool = True  # False: the labels are wrong as a whole, nothing is claimed
-    doubts: tuple[Ambiguous, ...] = ()  # beside those of the selection
+    doubts: tuple[Ambiguous, ...] = ()
     open_ends: tuple[Unexplained, ...] | None = None  # what is unexplained, where that is known already
     impossible: tuple[tuple[str, str], ...] = ()  # effects that cannot be tried beside the problem's, and why
-    # nats by which each claim is ahead of what could be confounded with it; a claim without an entry was not
-    # asked
-    ahead: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    # of each claim, how far it is ahead and how probable
+    evidence: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    rejected: tuple[Rejected, ...] = ()
+    trace: tuple[Step, ...] = ()
 
     @property
     def claimed(self) -> list[Option]:
         """Options of the joint problem that are claimed."""
-        chosen = {m.name for m in self.selection.members}
-        return [o for o in self.joint.problem.options if o.name in chosen]
+        return [o for o in self.joint.problem.options if o.name in self.claims]
 
 
 def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
@@ -100,21 +96,15 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         channels=channels,
         effects=effects,
         unexplained=unexplained,
-        ambiguous=(
-            *(
-                separable(j.selection.problem or p, j.selection, a, j.variables)
-                for a in j.selection.ambiguous
-            ),
-            *j.doubts,
-        ),
+        ambiguous=j.doubts,
         suspect_data=suspects,
         rejected=(
-            *_rejected(p, j.selection, {o.name for o in q.options}),
-            *(Rejected(name, f"cannot be judged: {why}") for name, why in j.impossible),
+            *j.rejected,
+            *(Rejected(name, f"cannot be judged: {why}") for name, why in (*p.impossible, *j.impossible)),
         ),
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(q.nuisance_names)},
-        trace=tuple(j.selection.trace),
+        trace=j.trace,
         notes=(
             *p.frame.notes,
             *j.notes,
@@ -255,20 +245,9 @@ def _against_limit(value: float, limits: tuple[float, float], drawn: Array) -> t
 
 
 def _evidence(j: Judged, name: str) -> dict[str, Any]:
-    """Why it was chosen, how probable it is against chance and its rivals; what numbers the model had."""
-    steps = [s for s in j.selection.trace if s.kept and s.action != "drop" and s.name.endswith(name)]
-    out: dict[str, Any] = {}
-    if steps:
-        last = steps[-1]
-        out = {"p_value": last.p_value, "gain_in_noise_variances": last.gain, "size_of_reference": last.size}
-    if name in j.ahead:
-        chance = min(float(out.get("p_value", 0.0)), 1.0)
-        others = float(np.sum(np.exp(-np.clip(j.ahead[name], 0.0, 700.0))))
-        out["probability"] = probability((1.0 - chance) / (1.0 + others))
-        if j.ahead[name]:
-            out["nats"] = round(min(j.ahead[name]), 1)
+    """How probable it is; what numbers the model had."""
     was = [dict(parameters) for effect, parameters in j.known if effect.name == name]
-    return out | ({"was": was[0]} if was else {})
+    return dict(j.evidence.get(name, {})) | ({"was": was[0]} if was else {})
 
 
 def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
@@ -285,55 +264,6 @@ def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
         if term in terms.get(load, {}):
             terms[load][term] += float(final[i])
     return model.having(terms)
-
-
-def separable(
-    p: Problem, selection: Selection, doubt: Ambiguous, variables: Mapping[str, Array]
-) -> Ambiguous:
-    """The doubt with the place where its explanations, each as fitted to these data, differ most."""
-    ones = np.ones(p.blocks.count)
-    guesses, rivals, causes = [], [], []
-    for name in doubt.names:
-        trial = selection.last.get(name)
-        option = next((m for m in selection.doubtful if m.name == name), trial.option if trial else None)
-        if option is not None:
-            fit = solve(p.blocks, columns_of(p, [*selection.members, option]), ones)
-            guesses.append(p.design @ fit * p.sigma)
-            named = option.numbers(p.frame, fit[option.columns])
-            rivals.append(Rival(option.effect, named))
-            causes.append(option.effect.cause(p.frame, option.shape, p.channels[0])[0])
-    if len(guesses) < 2:
-        return doubt
-    proposed = stand_experiment if isinstance(p.frame, StandFrame) else flight_experiment
-    plan = proposed(p.frame, p.sigma, rivals)
-    if plan is not None:
-        return replace(doubt, separate_by=plan.text, experiment=plan)
-    apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
-    c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
-    rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]
-    conditions = []
-    for name, values in variables.items():
-        spread = float(np.std(values))
-        if spread > 0 and name != "time_s" and float(np.std(values[rows])) < 0.4 * spread:
-            conditions.append((float(np.std(values[rows])) / spread, f"{name} {np.median(values[rows]):.3g}"))
-    where = ", ".join(text for _, text in sorted(conditions)[:3]) or "no single condition"
-    size = float(np.median(apart[rows, c]))
-    repeats = int(np.ceil((6.0 * float(p.sigma[c]) / max(size, 1e-12)) ** 2))
-    if repeats > MANY_READINGS and causes[0] != causes[1]:
-        return replace(doubt, separate_by=_in_step(causes[0], causes[1]))
-    text = (
-        f"they differ most in {p.channels[c]}, by {size:.2g} {p.units[c]}, at {where}: "
-        f"about {repeats} independent readings there and as many far from there would decide"
-    )
-    return replace(doubt, separate_by=text)
-
-
-def _in_step(first: str, second: str) -> str:
-    """The run that parts two causes which went in step through the whole log."""
-    if "time_s" in (first, second):
-        other = second if first == "time_s" else first
-        return f"they went in step: a run in which {other} goes up and down, not once with the clock"
-    return f"they went in step: a run in which {first} moves while {second} stands still, or the other way"
 
 
 def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
@@ -374,17 +304,6 @@ def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: 
             where += ": the wind is not steady" if gusty else ""
             out.append(Unexplained(name, ("time_s",), excess, where))
     return out
-
-
-def _rejected(p: Problem, selection: Selection, kept: set[str]) -> tuple[Rejected, ...]:
-    chosen = {m.name for m in selection.members}
-    last = {s.name: s for s in selection.trace if s.action == "drop" and s.name in chosen}
-    out = [Rejected(name, s.why) for name, s in last.items() if name not in kept]
-    out += [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
-    for name, trial in selection.last.items():
-        if name not in chosen:
-            out.append(Rejected(name, trial.why_not or "adds nothing to what was chosen"))
-    return tuple(out)
 
 
 def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorModel:

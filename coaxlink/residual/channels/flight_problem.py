@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from coaxlink.residual.regression.problem import Index, Problem, build, contiguo
 from coaxlink.signals import difference_gain, noise_floor, spectral_floor
 
 JUDGED_HZ = 10.0
-CLEAR_SIZE = 0.0025  # of the reference load
 
 
 def known_parts(frame: FlightFrame) -> tuple[list[Part], list[str]]:
@@ -52,7 +50,7 @@ def flight_problem(frame: FlightFrame) -> Problem:
     residual = reduce(frame.measured - frame.predicted)
     broken = runs_of(frame)
     floor = flight_floor(frame, frame.measured - frame.predicted, residual)
-    problem = build(
+    return build(
         frame=frame,
         channels=FLIGHT_CHANNELS,
         units=FLIGHT_UNITS,
@@ -64,7 +62,6 @@ def flight_problem(frame: FlightFrame) -> Problem:
         reduce=reduce,
         block=contiguous_blocks(frame.time_s[frame.keep], broken, least_s=2.0, count=40),
     )
-    return replace(problem, clear_size=CLEAR_SIZE)
 
 
 def nuisance_columns(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Array:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.effects import stand_effects
+from coaxlink.effects import flight_effects, stand_effects
+from coaxlink.effects.tracing import Tracing
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.diagnosis.channels import Channels
@@ -18,7 +20,7 @@ from coaxlink.residual.diagnosis.hypotheses import WHOLE, Hypothesis, is_whole
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import Posterior
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
-from coaxlink.residual.regression.joint_model import Fitter, Joint, straight
+from coaxlink.residual.regression.joint_model import Fitter, Joint, Member, straight
 from coaxlink.residual.regression.problem import Problem, build
 from coaxlink.residual.result import (
     Ambiguous,
@@ -30,7 +32,6 @@ from coaxlink.residual.result import (
     Suspect,
     Unexplained,
 )
-from coaxlink.residual.search.select import Selection
 from coaxlink.signals import noise_floor
 
 SHOWN = 12  # sets in the trace
@@ -60,11 +61,10 @@ def answered(
     fixed = [k for k in ch.known if k[0].name not in {m.name for m in members}]
     members = tuple(replace(m, whole=is_whole(m), keys=() if m.name in held else m.keys) for m in members)
     fitter = Fitter(problem, ch.bare, fixed, ch.reduce)
-    joint = _held(fitter.linear(members)) if members else straight(problem, [])
-    claimed = [o for o in joint.problem.options if o.name in sure]
+    joint = held_whole(fitter.linear(members)) if members else straight(problem)
     judged = Judged(
         problem,
-        Selection(members=claimed),
+        frozenset(sure),
         joint,
         _floor(ch, best),
         {"time_s": ch.frame.time_s[ch.frame.keep], **ch.variables},  # it may stand still in a damaged log
@@ -85,19 +85,19 @@ def answered(
             evidence={
                 **e.evidence,
                 "probability": round(said.claimed[e.name], 4),
-                "nats": _worth(found, e.name),
+                "nats": worth(found, e.name),
             },
         )
         for e in out.effects
     )
-    rejected = (*out.rejected, *_rejected(found, said))
+    others = (*out.rejected, *rejected(found, said))
     surface = _smooth(ch, best)
     return replace(
-        out, effects=effects, rejected=rejected, trace=_trace(found), surface=surface, weighed=said.weighed
+        out, effects=effects, rejected=others, trace=trace_of(found), surface=surface, weighed=said.weighed
     )
 
 
-def _held(joint: Joint) -> Joint:
+def held_whole(joint: Joint) -> Joint:
     """The linear problem with the prior of what is there as a whole, as the evidence has it."""
     bounds = joint.problem.blocks.bounds.copy()
     for option, m in zip(joint.problem.options, joint.members, strict=True):
@@ -109,7 +109,8 @@ def _held(joint: Joint) -> Joint:
 def refused(effect: FoundEffect) -> bool:
     """Whether physics does not allow the numbers that all rows gave an effect."""
     numbers = {p.name: p.value for p in effect.parameters}
-    return any(e.refuse(numbers) is not None for e in stand_effects() if e.name == effect.name)
+    every: tuple[Tracing[Any], ...] = (*stand_effects(), *flight_effects())
+    return any(e.refuse(numbers) is not None for e in every if e.name == effect.name)
 
 
 def _borne_out(found: Posterior, names: set[str]) -> Hypothesis:
@@ -189,11 +190,8 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
         )
         pieces.setdefault(channel, []).append((float(np.std(added)), variable, text))
     for m in [m for m in shown.members if m.name in said.withheld]:
-        added = added_by(ch, shown, m.name)
-        c = int(np.argmax(np.std(added, axis=0) / ch.reference))
-        label, _ = m.effect.cause(ch.bare, m.shape, ch.names[c])
-        text = f"{label}: as {m.name} would have it, probability {said.withheld[m.name]:.2f}: no name for it"
-        pieces.setdefault(ch.names[c], []).append((float(np.std(added[:, c])), label, text))
+        u = unnamed(ch, shown, m, said.withheld[m.name])
+        pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
     if not pieces and not said.claimed and not said.groups:
         left = np.std(shown.left, axis=0)
         c = int(np.argmax(left / ch.reference))
@@ -205,6 +203,20 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
         variables = tuple(dict.fromkeys(v for _, both, _ in parts for v in both.split(" & ")))[:3]
         out.append(Unexplained(channel, variables, parts[0][0], parts[0][2]))
     return sorted(out, key=lambda u: -u.rmse / ch.reference[ch.names.index(u.channel)])
+
+
+def unnamed(ch: Channels, h: Hypothesis, m: Member, probability: float) -> Unexplained:
+    """What a member of a set explains that is not probable enough to be named."""
+    added = added_by(ch, h, m.name)
+    rms = np.sqrt(np.mean(added**2, axis=0))
+    c = int(np.argmax(rms / ch.reference))
+    label, _ = m.effect.cause(ch.bare, m.shape, ch.names[c])
+    size = float(rms[c])
+    text = (
+        f"{label}: {100.0 * size / ch.reference[c]:.2g} % of the load, as {m.name} would have it, "
+        f"probability {probability:.2f}: no name for it"
+    )
+    return Unexplained(ch.names[c], (label,), size, text)
 
 
 def _values(ch: Channels, variable: str) -> Array:
@@ -231,13 +243,14 @@ def _smooth(ch: Channels, best: Hypothesis | None) -> tuple[SmoothSurface, ...]:
     return tuple(out)
 
 
-def _worth(found: Posterior, name: str) -> float:
+def worth(found: Posterior, name: str) -> float:
     """Log odds of the evidence for a name: the best set with it against the best without."""
     rival = found.without([name])
     return round(float(found.best.score - rival.score), 1) if rival else float(found.best.score)
 
 
-def _rejected(found: Posterior, said: Decision) -> list[Rejected]:
+def rejected(found: Posterior, said: Decision) -> list[Rejected]:
+    """Every name that some set holds and that is not said, and why."""
     out = []
     for name in sorted({n for h in found.sets for n in h.effects} - {*said.claimed} - said.grouped):
         if name in said.withheld:
@@ -249,7 +262,8 @@ def _rejected(found: Posterior, said: Decision) -> list[Rejected]:
     return out
 
 
-def _trace(found: Posterior) -> tuple[Step, ...]:
+def trace_of(found: Posterior) -> tuple[Step, ...]:
+    """The most probable sets."""
     least = min((h.score for h in found.sets if h.score > -1e5), default=found.best.score)
     return tuple(
         Step(

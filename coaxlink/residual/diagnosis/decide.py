@@ -19,12 +19,18 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.effects.onset import COMES
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
-from coaxlink.residual.diagnosis.hypotheses import ODDS
-from coaxlink.residual.diagnosis.posterior import Posterior
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
+from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
+from coaxlink.residual.regression.joint_model import Member
 
 FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --train` writes it
+# (special case, general case): what holds the general one has the special one in it, or is one of both
+IMPLIED = (("rotor_drag", "wind"),)
+SPECIAL = (*IMPLIED, ("mass_change", "battery_voltage"))
+AT_END = 1e-3  # of a number's range
 WAYS = ("raw", "tempered", "own")
 
 
@@ -98,6 +104,79 @@ def decided(ch: Channels, found: Posterior) -> Decision:
     return Decision(claimed, tuple(groups), withheld, opened, tuple(weighed))
 
 
+def decided_in_flight(ch: Channels, found: Posterior) -> tuple[Decision, Hypothesis]:
+    """Of a flight's posterior, with the set that is said: what the general case does not clearly need is the
+    special one.
+
+    A number at the end of what physics allows is no estimate: the name that needs it is withheld. Names of
+    which one could be in another's place at a rival's odds make a group.
+    """
+    lead = found.best
+    for special, general in SPECIAL:
+        named = (lead.effects - {general}) | {special}
+        sets = [h for h in found.sets if h.effects == named and special not in lead.effects]
+        if general in lead.effects and sets:
+            nearest = min(sets, key=lambda h: found.nats_behind(h))
+            lead = nearest if found.nats_behind(nearest) < -np.log(RIVAL) else lead
+    claimed: dict[str, float] = {}
+    withheld: dict[str, float] = {}
+    groups: list[Group] = []
+    weighed: list[Mapping[str, Any]] = []
+    level = calibration(FLIGHTS)["level"]["name"]
+    for m in lead.members:
+        rivals = _in_its_place(found, lead, m.name)
+        numbers = flown_numbers(ch, found, lead, m, rivals)
+        p = 0.0 if numbers["bound"] else probability("flight", flown_terms(numbers["tempered"]))
+        odds = np.exp(-np.array([0.0, *rivals.values()]))
+        first = float(p * odds[0] / odds.sum())
+        weighed.append({"names": [m.name, *rivals], "probability": p, "numbers": numbers})
+        if p < level:
+            withheld[m.name] = first
+        elif rivals:
+            groups.append(Group((m.name, *rivals), p, first))
+        else:
+            claimed[m.name] = p
+    return Decision(claimed, tuple(groups), withheld, 0.0, tuple(weighed)), lead
+
+
+def flown_numbers(
+    ch: Channels, found: Posterior, lead: Hypothesis, m: Member, rivals: Collection[str] = ()
+) -> dict[str, float]:
+    """What a flight's name is judged by: tempered nats over the best set with nothing in its place, or of a
+    group without any of its names; whether a number of it is at its bound.
+
+    A set in which the general case is there holds the special one.
+    """
+    names = {m.name, *rivals, *(general for special, general in IMPLIED if special == m.name)}
+    here, nats = found.nats_behind(lead), MOST
+    for h in found.sets:
+        if not h.effects & names and (rivals or h.effects <= lead.effects):
+            nats = min(nats, found.nats_behind(h) - here)
+    return {"tempered": float(nats), "bound": float(at_bound(ch, m))}
+
+
+def at_bound(ch: Channels, m: Member) -> bool:
+    """Whether a number of a form, but for when it came, ends where physics ends."""
+    return any(
+        min(m.shape[k] - low, high - m.shape[k]) < AT_END * (high - low)
+        for k, (low, high) in m.effect.free(ch.bare, m.shape).items()
+        if k not in COMES
+    )
+
+
+def _in_its_place(found: Posterior, lead: Hypothesis, name: str) -> dict[str, float]:
+    """Names that could be in another's place at a rival's odds, and by how many nats they are behind."""
+    implied = {general for special, general in IMPLIED if special == name}
+    out: dict[str, float] = {}
+    for h in found.sets:
+        new = h.effects - lead.effects
+        if lead.effects - h.effects == {name} and len(new) == 1 and not new & implied:
+            behind = max(found.nats_behind(h) - found.nats_behind(lead), 0.0)
+            if behind < -np.log(RIVAL):
+                out[next(iter(new))] = min(behind, out.get(next(iter(new)), np.inf))
+    return dict(sorted(out.items(), key=lambda pair: pair[1]))
+
+
 @cache
 def calibration(file: str = "calibration.toml") -> dict[str, Any]:
     """Levels, and of each model the intercept and the weights of its terms."""
@@ -137,8 +216,15 @@ def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
 
 
 def flown_terms(nats: float) -> dict[str, float]:
-    """What a flight's name is judged by: `flight.borne_out`."""
+    """What the logistic model takes of a flight's name."""
     return {"tempered": _scaled("tempered", nats)}
+
+
+def flown_nats() -> float:
+    """That a flight's name has where it is claimed, at the least."""
+    level, model = calibration(FLIGHTS)["level"]["name"], calibration(FLIGHTS)["flight"]
+    total = np.log(level / (1.0 - level)) - model["intercept"]
+    return float(np.expm1(total / model["weights"]["tempered"]))
 
 
 PLAIN = ("agree", "beside", "forms", "load", "members")  # numbers that are no nats

@@ -58,8 +58,12 @@ def by_channel(columns: Array) -> list[Touched]:
     return out
 
 
-def sums_of(base: Sequence[Touched], width: int, further: Sequence[Array], target: Array) -> Sums:
-    """Of `width` columns that stay as they are, then others (rows, C, K), on a target (rows, C), whitened."""
+def sums_of(
+    base: Sequence[Touched], width: int, further: Sequence[Array], target: Array, rows: Array
+) -> Sums:
+    """Of `width` columns that stay as they are, then others (rows, C, K), on a target (rows, C), whitened, of
+    which `rows` (C,) count.
+    """
     starts = width + np.cumsum([0, *(x.shape[-1] for x in further)])
     uses, grams, moments = [], [], []
     for c, b in enumerate(base):
@@ -71,7 +75,7 @@ def sums_of(base: Sequence[Touched], width: int, further: Sequence[Array], targe
         grams.append(np.block([[b.gram, cross], [cross.T, more @ more.T]]))
         moments.append(np.concatenate([b.rows @ target[:, c], more @ target[:, c]]))
     power = np.sum(target**2, axis=0)
-    return Sums(int(starts[-1]), uses, grams, moments, power, np.full(len(power), float(len(target))))
+    return Sums(int(starts[-1]), uses, grams, moments, power, rows)
 
 
 @dataclass(frozen=True)

@@ -104,9 +104,7 @@ class Features:
 
     def tempered(self, h: Hypothesis) -> float:
         """Nats behind the leading set, tempered, odds and all."""
-        k, here = self.found.index(h), self.found.index(self.lead)
-        behind = self.found.behind
-        return float(behind[k] - h.log_prior - behind[here] + self.lead.log_prior)
+        return self.found.nats_behind(h) - self.found.nats_behind(self.lead)
 
     def own(self, h: Hypothesis) -> float:
         """Score of a set whose noise has the colour of what it leaves."""

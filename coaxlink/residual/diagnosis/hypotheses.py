@@ -27,6 +27,7 @@ CONSISTENT = 1  # rounds
 REFUSED = -1e6
 COLOURS = 2  # rounds
 REMEMBERED = 60  # linearisations
+ROTOR = "rotor"  # the number of a shape that is no quantity but a place
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
 
 
@@ -70,6 +71,11 @@ class Hypothesis:
         return frozenset([m.name for m in self.members] + [form_name(f) for f in self.forms])
 
     @property
+    def key(self) -> frozenset[str]:
+        """What sets it apart from others that were visited: names, and where what has a place is."""
+        return key_of(self.members, self.forms)
+
+    @property
     def effects(self) -> frozenset[str]:
         """Effects alone."""
         return frozenset(m.name for m in self.members)
@@ -79,6 +85,12 @@ def form_name(form: str) -> str:
     """Variable and channel of a free form, whatever its length and size."""
     variable, channel, *_ = form.split("|")
     return f"{variable}|{channel}"
+
+
+def key_of(members: Sequence[Member], forms: Sequence[str]) -> frozenset[str]:
+    """Names of effects and free forms; of an effect that is at one rotor this rotor with it."""
+    placed = (f"{m.name}@{m.shape[ROTOR]:g}" if ROTOR in m.shape else m.name for m in members)
+    return frozenset([*placed, *map(form_name, forms)])
 
 
 class Scorer:
@@ -179,7 +191,9 @@ class Scorer:
         for name in forms:
             form, white = self.form(name)
             blocks.append((form.columns, white, form.deviation))
-        sums = sums_of(self._own, self.white.shape[-1], [b[1] for b in blocks], self.colour.whiten(target))
+        rows = self.colour.rows(len(target))
+        whitened = self.colour.whiten(target)
+        sums = sums_of(self._own, self.white.shape[-1], [b[1] for b in blocks], whitened, rows)
         deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
         start = ch.reference * 0.01 if noise is None else noise
         fit = fitted(sums, deviation, start, ch.least_noise)

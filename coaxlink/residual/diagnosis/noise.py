@@ -33,17 +33,24 @@ class Colour:
 
     ahead: tuple[Array, ...]
     wander: tuple[tuple[float, float] | None, ...]
+    share: tuple[float, ...] = ()  # of each channel's rows that count; (): all
 
     @property
     def size(self) -> int:
         """Count of its numbers."""
         return sum(len(a) for a in self.ahead) + 2 * sum(w is not None for w in self.wander)
 
+    def rows(self, count: int) -> Array:
+        """(C,) that count, of so many."""
+        return count * np.array(self.share or (1.0,) * len(self.ahead))
+
     def whiten(self, columns: Array) -> Array:
         """What the prediction leaves of (rows, C, ...)."""
         out = np.array(columns, float)
         if not out.size:
             return out
+        if self.share:
+            out *= np.sqrt(self.share).reshape(1, -1, *[1] * (out.ndim - 2))
         by_channel = out.reshape(len(out), out.shape[1], -1)
         for c, (ahead, wander) in enumerate(zip(self.ahead, self.wander, strict=True)):
             use = np.flatnonzero(by_channel[:, c].any(axis=0))
@@ -62,6 +69,16 @@ class Colour:
 def white(channels: int) -> Colour:
     """No colour."""
     return Colour((np.zeros(0),) * channels, (None,) * channels)
+
+
+def tempered(times: Array) -> Colour:
+    """White noise whose neighbours hang together: of `times` (C,) rows one counts.
+
+    What a slow wander says of a constant is its spectral density at no frequency, the variance of a row times
+    its integrated autocorrelation time.
+    """
+    plain = white(len(times))
+    return Colour(plain.ahead, plain.wander, tuple(1.0 / t for t in times))
 
 
 def colour_of(left: Array) -> Colour:

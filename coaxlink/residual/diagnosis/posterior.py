@@ -50,6 +50,10 @@ class Posterior:
         """Of a set among the visited ones."""
         return next(k for k, other in enumerate(self.sets) if other is h)
 
+    def nats_behind(self, h: Hypothesis) -> float:
+        """Tempered, odds and all."""
+        return float(self.behind[self.index(h)] - h.log_prior)
+
     def without(self, names: Iterable[str]) -> Hypothesis | None:
         """The set of most mass that holds none of these names."""
         names = set(names)
@@ -71,13 +75,26 @@ class Posterior:
         return {n: self.of(n) for n in sorted({form_name(f) for h in self.sets for f in h.forms})}
 
 
-def posterior(ch: Channels, colour: Colour, visited: Sequence[Hypothesis]) -> Posterior:
-    """Tempered about the set of most mass: found again until it stays the same."""
+def posterior(
+    ch: Channels, colour: Colour, visited: Sequence[Hypothesis], *, whole: bool = False
+) -> Posterior:
+    """Tempered about the set of most mass: found again until it stays the same.
+
+    `whole`: of the evidence all counts less, not the likelihood alone: what corrections give way for hangs
+    together with what is left over as the fit does.
+    """
     sets = sorted(visited, key=lambda h: -h.score)
     lead = 0
     for _ in range(4):
         tempers = np.array([temper(ch, colour, sets[lead], h) for h in sets])
-        data = np.array([likelihood(colour, sets[lead], h) for h in sets])
+        data = np.array(
+            [
+                sets[lead].fit.log_evidence - h.fit.log_evidence
+                if whole
+                else likelihood(colour, sets[lead], h)
+                for h in sets
+            ]
+        )
         other = np.array([sets[lead].score - h.score for h in sets]) - data
         behind = data * tempers + other
         now = int(np.argmin(behind))
@@ -96,13 +113,14 @@ def likelihood(colour: Colour, best: Hypothesis, rival: Hypothesis) -> float:
 
 def _log_density(colour: Colour, h: Hypothesis) -> float:
     left = colour.whiten(h.left) / h.fit.noise
-    return float(-0.5 * np.sum(left**2) - len(left) * np.sum(np.log(h.fit.noise)))
+    return float(-0.5 * np.sum(left**2) - colour.rows(len(left)) @ np.log(h.fit.noise))
 
 
 def density_by_block(ch: Channels, h: Hypothesis) -> Array:
     """(blocks,) log density of the rows under a set with its own noise."""
     left = h.colour.whiten(h.left) / h.fit.noise
-    rows = -0.5 * np.sum(left**2, axis=1) - np.sum(np.log(h.fit.noise))
+    each = h.colour.rows(1)
+    rows = -0.5 * np.sum(left**2, axis=1) - each @ np.log(h.fit.noise)
     return np.asarray(np.bincount(ch.block, rows))
 
 

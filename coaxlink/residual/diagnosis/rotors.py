@@ -13,12 +13,11 @@ import numpy as np
 
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.flight import LONG_ROWS
-from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
+from coaxlink.residual.diagnosis.hypotheses import ROTOR, Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
 from coaxlink.residual.regression.joint_model import Member
 
-ROTOR = "rotor"  # the number of a shape that is no quantity but a place
 # a blade that lifts less, a motor that turns slower: where the fit begins
 WAYS = ({"thrust_loss": 0.1, "torque_loss": 0.1}, {"speed_loss": 0.05})
 NEAR = 0.8  # of what the best place explains: less is no rival (judgement)

@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.diagnosis.causes import own_cause
 from coaxlink.residual.diagnosis.channels import LOADS
-from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, key_of
 from coaxlink.residual.diagnosis.screening import Stack
 from coaxlink.residual.regression.joint_model import Member
 
@@ -33,24 +33,28 @@ CONFOUNDED = 0.5  # of what an effect explains: less is no rival before its shap
 
 @dataclass
 class Visited:
-    """The best score of every set of names."""
+    """The best score of every set of names and places."""
 
-    by_names: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+    by_key: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
 
     def add(self, h: Hypothesis) -> None:
         """Keep the better one."""
-        old = self.by_names.get(h.names)
+        old = self.by_key.get(h.key)
         if old is None or h.score > old.score:
-            self.by_names[h.names] = h
+            self.by_key[h.key] = h
+
+    def best_of(self, names: frozenset[str]) -> Hypothesis | None:
+        """Of all places."""
+        return max((h for h in self.by_key.values() if h.names == names), key=lambda h: h.score, default=None)
 
     @property
     def best(self) -> Hypothesis:
         """Of all."""
-        return max(self.by_names.values(), key=lambda h: h.score)
+        return max(self.by_key.values(), key=lambda h: h.score)
 
     def ranked(self) -> list[Hypothesis]:
         """Best first."""
-        return sorted(self.by_names.values(), key=lambda h: -h.score)
+        return sorted(self.by_key.values(), key=lambda h: -h.score)
 
 
 @dataclass(frozen=True)
@@ -85,18 +89,18 @@ class Search:
         while True:
             ranked = self.visited.ranked()
             best = ranked[0].score
-            front = {h.names: h for h in ranked[:BEAM] if h.score > best - FAR}
+            front = {h.key: h for h in ranked[:BEAM] if h.score > best - FAR}
             # a free form must not keep an effect from being tried
-            front |= {h.names: h for h in [h for h in ranked if not h.forms][:1]}
+            front |= {h.key: h for h in [h for h in ranked if not h.forms][:1]}
             # beside what must act is looked, whatever was found first to take its place
             front |= {
-                h.names: h for h in ranked if h.names and h.names <= DUE and h.score > self.scorer.empty.score
+                h.key: h for h in ranked if h.names and h.names <= DUE and h.score > self.scorer.empty.score
             }
-            front = {names: h for names, h in front.items() if names not in seen}
+            front = {key: h for key, h in front.items() if key not in seen}
             if not front:
                 return self.visited
             for h in front.values():
-                seen.add(h.names)
+                seen.add(h.key)
                 self.progress(" + ".join(sorted(h.names)) or "nothing")
                 self._around(h)
 
@@ -114,9 +118,9 @@ class Search:
                 self._grown(h, effect, shape)
             for form in self.screened_forms(h):
                 self._try(h.members, [*h.forms, form], h)
-        if h.members and (h.names == self.visited.best.names or not h.forms):
+        if h.members and (h.key == self.visited.best.key or not h.forms):
             self._refined(h)
-        if h.forms and h.names == self.visited.best.names:
+        if h.forms and h.key == self.visited.best.key:
             self._named(h)
 
     def _named(self, h: Hypothesis) -> None:
@@ -141,7 +145,7 @@ class Search:
             for form in self._over_its_cause(best, m, without):
                 self._try(others, [*best.forms, form], without)
             for effect, candidate, gain in self._promising(without):
-                had = self.visited.by_names.get(without.names | {effect.name})
+                had = self.visited.best_of(without.names | {effect.name})
                 if had is not None:  # its shape has moved already
                     gain = max(gain, had.fit.log_evidence - without.fit.log_evidence)
                 if effect.name != m.name and gain > CONFOUNDED * worth:
@@ -175,9 +179,7 @@ class Search:
         self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis, *, anew: bool = True
     ) -> Hypothesis:
         """The set scored; where not `anew`, as it was scored before if it was."""
-        old = self.visited.by_names.get(
-            frozenset([m.name for m in members]) | frozenset(map(form_name, forms))
-        )
+        old = self.visited.by_key.get(key_of(members, forms))
         if old is not None and not anew:
             return old
         # what betters the set that it comes from is always taken to its best
@@ -242,7 +244,7 @@ class Search:
         return [(effect, candidate) for effect, candidate, _ in self._promising(h, TRIED)]
 
     def _promising(
-        self, h: Hypothesis, most: int | None = None
+        self, h: Hypothesis, most: int | None = None, least: float = LEAST_GAIN
     ) -> list[tuple[Tracing[Any], Candidate, float]]:
         """Effects beside a hypothesis in their best shapes of the grid, each with the nats that it gains."""
         gains = self._gains(h, self.grid)
@@ -250,7 +252,7 @@ class Search:
         out: dict[str, tuple[Tracing[Any], Candidate, float]] = {}
         for gain, k in ranked:
             c = self.candidates[k]
-            if gain < LEAST_GAIN or len(out) == most:
+            if gain < least or len(out) == most:
                 break
             if c.effect.name in h.names or c.effect.name in out:
                 continue

@@ -64,7 +64,7 @@ def flight_experiment(frame: FlightFrame, sigma: Array, rivals: Sequence[Rival])
     def look_at(piece: Any) -> View | None:
         try:
             planned = flight_frame([flown(frame, [piece], high)], frame.airframe, frame.model)
-        except CoaxlinkError:
+        except (CoaxlinkError, NotShown):
             return None  # the model cannot fly it
         nuisance = list(flight_corrections(planned))
         columns = np.stack([reduce_columns(planned, c.columns) for c in nuisance], axis=-1)

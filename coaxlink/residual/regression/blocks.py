@@ -151,13 +151,6 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
     return _spread(blocks, use, _bounded(gram, moment, blocks.bounds[use]))
 
 
-def least_of(gram: Array, bounds: Array, design: Array, residual: Array) -> float:
-    """Least square sum that columns, `design` (rows, C, k) of this `gram` (k, k), leave of (rows, C)."""
-    moment = np.einsum("rck,rc->k", design, residual.astype(design.dtype), optimize=True).astype(float)
-    values = _bounded(gram, moment, bounds)
-    return float(np.sum(residual**2) - 2.0 * moment @ values + values @ gram @ values)
-
-
 def _spread(blocks: Blocks, use: Index, values: Array) -> Array:
     out = np.zeros(len(blocks.bounds))
     out[use] = values
@@ -232,14 +225,6 @@ def held_out(blocks: Blocks, use: Index) -> tuple[Array, Array]:
         test = blocks.fold == fold
         out[test] = squares(blocks, _spread(blocks, use, fit), test)
     return out, np.stack([_spread(blocks, use, fit) for fit in fits])
-
-
-def held_out_sum(blocks: Blocks, use: Index) -> Array:
-    """(B,) squared errors as `held_out` gives them, summed over the channels, at a fraction of the cost."""
-    gram, moment = blocks.only(use).summed
-    fit = _fold_fits(blocks, use)[np.unique(blocks.fold, return_inverse=True)[1]]  # (B, k)
-    square = np.sum((gram @ fit[..., None])[..., 0] * fit, axis=1)
-    return np.maximum(blocks.power.sum(axis=1) - 2.0 * np.sum(moment * fit, axis=1) + square, 0.0)
 
 
 def _fold_fits(blocks: Blocks, use: Index) -> Array:

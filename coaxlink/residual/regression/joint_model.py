@@ -1,34 +1,22 @@
 """The joint model: all chosen effects composed, as they act on one another, with free shapes.
 
-The selection works with effects that add up, in shapes from a grid. Here the prediction is composed (what
-slows a rotor changes the thrust that the ground then raises) and coefficients and continuous shape numbers
-are moved together with the nuisance corrections by Gauss-Newton steps. At the end the problem is linear
-again, about the best point: held-out errors and intervals come from the same blocks as before.
+The prediction is composed: what slows a rotor changes the thrust that the ground then raises. About the best
+point, which the evidence finds, the problem is linear: held-out errors and intervals come from its blocks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
-from coaxlink.residual.regression.autocorrelation import autocorrelation_time
-from coaxlink.residual.regression.blocks import held_out_sum, least_of, solve
 from coaxlink.residual.regression.problem import Index, Option, Problem, from_design
 
 Part = tuple[Tracing[Any], Mapping[str, float]]
-STEPS = 5
 ONSET = "onset_s"
-FORMS = 3  # of a member, each from the one before
-SHORT = 40_000  # judged rows times channels: candidates are taken through the members
-HALVINGS = (1.0, 0.5, 0.2, 0.05)
-SETTLED = 1e-4  # of the square sum
-BETTER, AS_GOOD = 0.98, 1.02  # of the held-out squares
-RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
 
 
 @dataclass(frozen=True)
@@ -90,17 +78,6 @@ class Member:
         return self.effect.parameters(frame, self.shape, self.coefficients)
 
 
-def _frozen(m: Member) -> Member:
-    """Without a free beginning: a fit that does not see the rows about it knows nothing of it."""
-    return replace(m, keys=tuple(k for k in m.keys if k != ONSET))
-
-
-def _thawed(m: Member, frame: Any) -> Member:
-    """With its beginning free."""
-    late = ONSET in m.shape and ONSET not in m.keys and ONSET in m.effect.free(frame, m.shape)
-    return replace(m, keys=(*m.keys, ONSET)) if late else m
-
-
 def member(frame: Any, effect: Tracing[Any], shape: Shape, coefficients: Array) -> Member:
     """An effect in a shape, with all that is continuous in it free."""
     return Member(effect, shape, np.asarray(coefficients, float), tuple(effect.free(frame, shape)))
@@ -134,16 +111,13 @@ class Joint:
         return mine.at(point).parameters(self.problem.frame)
 
 
-def straight(problem: Problem, options: Sequence[Option]) -> Joint:
-    """The options as the selection has them: shapes of the grid, columns added up."""
-    chosen = replace(problem, options=tuple(options))
-    values = solve(problem.blocks, columns_of(chosen), np.ones(problem.blocks.count))
-    members = tuple(Member(o.effect, o.shape, values[o.columns], ()) for o in options)
-    return Joint(chosen, members)
+def straight(problem: Problem) -> Joint:
+    """Nothing added."""
+    return Joint(replace(problem, options=()), ())
 
 
 class Fitter:
-    """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built.
+    """Members of one problem; `bare` is the frame without them, `reduce` as the problem was built.
 
     `nuisance` (rows, C, B) are whitened base columns other than the problem's.
     """
@@ -158,7 +132,6 @@ class Fitter:
     ):
         self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
         self._nuisance = problem.design[:, :, problem.nuisance] if nuisance is None else nuisance
-        self._fitted_nuisance = nuisance is not None
         self._last: list[tuple[Part, Any]] = []  # what acted last, in order, and the frame it left
 
     def acting(self, members: Sequence[Member]) -> Any:
@@ -205,146 +178,8 @@ class Fitter:
         )
         return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
 
-    def settle(self, members: Sequence[Member]) -> tuple[Joint, float]:
-        """Gauss-Newton from here: the linear problem about the best point, and its held-out square sum."""
-        best = self.linear([_thawed(m, self.bare) for m in members])
-        least = self._least(members)
-        for _ in range(STEPS):
-            blocks = best.problem.blocks
-            values = solve(blocks, columns_of(best.problem), np.ones(blocks.count))
-            for share in HALVINGS:
-                pairs = zip(best.members, best.problem.options, strict=True)
-                moved = tuple(m.moved(self.bare, m.origin + values[o.columns], share) for m, o in pairs)
-                now = self._least(moved)
-                if now < least:
-                    break
-            else:
-                break
-            done = now > least * (1.0 - SETTLED)
-            best, least = self.linear(moved), now
-            if done:
-                break
-        if any(ONSET in m.keys for m in best.members):
-            best = self.linear([_frozen(m) for m in best.members])
-        return best, _score(best)
-
-    def _least(self, members: Sequence[Member]) -> float:
-        """Square sum with the members exactly where they stand, the nuisance model at its best."""
-        p = self.problem
-        residual = self.reduce(self.bare.measured - self.prediction(members)) / p.sigma
-        return least_of(self._gram, p.blocks.bounds[p.nuisance], self._nuisance, residual)
-
-    @cached_property
-    def _gram(self) -> Array:
-        """(B, B) of the nuisance model columns."""
-        p, nuisance = self.problem, self._nuisance
-        if self._fitted_nuisance:
-            return np.einsum("rci,rcj->ij", nuisance, nuisance, optimize=True)
-        return np.asarray(p.blocks.total[0][p.nuisance[:, None], p.nuisance])
-
 
 def columns_of(p: Problem, options: Sequence[Option] | None = None) -> Index:
     """Columns in use, of the nuisance model and of options: all of the problem's where none are given."""
     used = p.options if options is None else options
     return np.concatenate([p.nuisance, *(o.columns for o in used)]).astype(np.intp)
-
-
-def of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:
-    """The problem's own options nearest to these, which may be of another problem."""
-    out = []
-    for o in options:
-        mine = [x for x in problem.options if x.name == o.name]
-        out.append(min(mine, key=lambda x: _distance(x.shape, o.shape)))
-    return out
-
-
-def _distance(a: Shape, b: Shape) -> float:
-    return sum(abs(a.get(k, 9.0) - b.get(k, 9.0)) for k in {*a, *b})
-
-
-def _score(joint: Joint) -> float:
-    """Held-out square sum about the point the problem is linear at, base free, members as they stand."""
-    return float(held_out_sum(joint.problem.blocks, columns_of(joint.problem)).sum())
-
-
-def _inflation(p: Problem) -> float:
-    """How much less the rows say than independent ones would, where what is left hangs together in time."""
-    values = solve(p.blocks, columns_of(p), np.ones(p.blocks.count))
-    left = p.residual - p.design @ values
-    return float(np.max(autocorrelation_time(left, p.block)))
-
-
-def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) -> Joint:
-    """The best joint fit from these members, other forms of each tried if they gain enough.
-
-    Members whose numbers another's better form makes unphysical are dropped with it.
-    """
-    best, score = fitter.settle(members)
-    astray = _refused(fitter, best)
-    if (
-        astray
-    ):  # a shape and its coefficient that the data hardly tell apart: the shape stays as it was chosen
-        trial, now = fitter.settle([replace(m, keys=()) if m.name in astray else m for m in members])
-        if not _refused(fitter, trial):
-            best, score = trial, now
-    if not alternatives:
-        return best
-    rows = fitter.problem.residual.size / _inflation(best.problem)
-    for name in [m.name for m in members]:
-        for _ in range(FORMS):
-            better = _other_form(fitter, best, score, name, rows)
-            if better is None:
-                break
-            best, score = better
-    return best
-
-
-def _other_form(
-    fitter: Fitter, best: Joint, score: float, name: str, rows: float
-) -> tuple[Joint, float] | None:
-    """The joint fit with a member in the best of its other forms, and its score; None: none gains enough."""
-    mine = next((m for m in best.members if m.name == name), None)
-    if mine is None:
-        return None
-    improved: Shape = {}
-    for shape, coefficients in mine.effect.variants(fitter.bare, mine.shape, mine.coefficients):
-        if improved and set(shape) == set(improved):
-            continue  # this form from another start
-        other = member(fitter.bare, mine.effect, shape, coefficients)
-        trial, now = fitter.settle([other if m.name == name else m for m in best.members])
-        refused = _refused(fitter, trial)
-        if refused and name not in refused:
-            trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
-            refused = _refused(fitter, trial)
-        richer = (score - now) * rows / max(score, 1e-12) > RICHER
-        # of as few numbers: whichever predicts better
-        richer = richer or (len(other.keys) <= len(mine.keys) and now < BETTER * score)
-        # a form that physics allows takes the place of one it does not
-        allowed = now < AS_GOOD * score and bool(_refused(fitter, best))
-        if not refused and (richer or allowed):
-            best, score, improved = trial, now, shape
-    return (best, score) if improved else None
-
-
-def needed(fitter: Fitter, joint: Joint) -> Joint:
-    """The joint fit without members that it does not need: weakest first, the others fitted again."""
-    while len(joint.members) > 1:
-        score = _score(joint)
-        rows = fitter.problem.residual.size / _inflation(joint.problem)
-        trials = [fitter.settle([m for m in joint.members if m is not drop]) for drop in joint.members]
-        least = min(trials, key=lambda t: t[1])
-        if (least[1] - score) * rows / max(score, 1e-12) > RICHER or _refused(fitter, least[0]):
-            break
-        joint = least[0]
-    return joint
-
-
-def _refused(fitter: Fitter, joint: Joint) -> set[str]:
-    """Members whose numbers physics does not allow, as they stand or as the linear problem has them."""
-    p = joint.problem
-    values = solve(p.blocks, columns_of(p), np.ones(p.blocks.count))
-    return {
-        m.name
-        for k, m in enumerate(joint.members)
-        if m.effect.refuse(m.parameters(fitter.bare)) or m.effect.refuse(joint.named(k, values))
-    }

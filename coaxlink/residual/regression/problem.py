@@ -25,16 +25,6 @@ class Option:
     columns: Index
     keys: tuple[str, ...] = ()  # numbers of the shape that the last columns move from where they are
 
-    def numbers(self, frame: Any, values: Array) -> dict[str, float]:
-        """Named physical numbers of the columns' coefficients (K,)."""
-        count = len(values) - len(self.keys)
-        limits = self.effect.free(frame, self.shape) if self.keys else {}
-        moved = {
-            k: float(np.clip(self.shape[k] + v, *limits[k]))
-            for k, v in zip(self.keys, values[count:], strict=True)
-        }
-        return self.effect.parameters(frame, {**self.shape, **moved}, values[:count])
-
     @property
     def name(self) -> str:
         """The effect's name."""
@@ -58,7 +48,6 @@ class Problem:
     nuisance_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
-    clear_size: float = 0.005  # of the reference: how small an effect may be that clearly explains a channel
 
 
 def build(

@@ -92,7 +92,7 @@ def test_a_weak_rotor_shows_through_steps_of_a_milliradian(
     assert samples.has("rpm1", "rpm8")  # ESC_TELEMETRY
     answer = asked(log)
     assert answer.suspect_data == ()
-    (effect,) = answer.effects
-    told = {p.name: p.value for p in effect.parameters}
-    assert effect.name == "degraded_rotor" and told["rotor"] == 3
-    assert told["thrust_loss"] == pytest.approx(0.06, abs=0.004)
+    (weak,) = answer.effects
+    said = {p.name: p.value for p in weak.parameters}
+    assert weak.name == "degraded_rotor" and said["rotor"] == 3.0
+    assert said["thrust_loss"] == pytest.approx(0.06, abs=0.005)

@@ -30,7 +30,8 @@ def data():
 def model(columns, target, deviation, noise, rounds):
     """Fitted, the last two columns as what comes beside the others."""
     base = columns[..., :3]
-    sums = sums_of(by_channel(base), base.shape[-1], [columns[..., 3:]], target)
+    rows = np.full(2, float(len(target)))
+    sums = sums_of(by_channel(base), base.shape[-1], [columns[..., 3:]], target, rows)
     return fitted(sums, deviation, noise, np.full(2, 1e-9), rounds=rounds)
 
 

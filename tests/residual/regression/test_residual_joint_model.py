@@ -41,7 +41,7 @@ def worn_in(size, strange):
 def test_without_a_members_columns_the_problem_is_the_one_before_it(shape):
     frame, problem = worn_in(0.03, 0.0)
     fitter = Fitter(problem, frame, (), reducing(frame))
-    joint, _ = fitter.settle([member(frame, HYSTERESIS, shape, np.array([0.04, 0.01]))])
+    joint = fitter.linear([member(frame, HYSTERESIS, shape, np.array([0.04, 0.01]))])
     assert len(joint.problem.options[0].columns) == 2 + len({"reach", "spread", "fading"} & set(shape))
     assert channel_errors(joint.problem, []) == pytest.approx(channel_errors(problem, []), rel=1e-6)
     assert channel_errors(joint.problem, joint.problem.options)[0] < 0.95 * channel_errors(problem, [])[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from case_table import case_table
 
 from coaxlink.residual.answer.assemble import _against_limit
 from coaxlink.residual.regression.blocks import (
@@ -12,13 +11,11 @@ from coaxlink.residual.regression.blocks import (
     bootstrap,
     error_interval,
     held_out,
-    held_out_sum,
     solve,
     squares,
 )
 from coaxlink.residual.regression.dependence import dependences
 from coaxlink.residual.regression.problem import contiguous_blocks
-from coaxlink.residual.regression.schur_complement import SchurComplement
 from coaxlink.signals import (
     derivative,
     difference_gain,
@@ -134,7 +131,6 @@ def test_held_out_errors_are_of_fits_that_did_not_see_the_block():
         want = ((residual[mine] - design[mine] @ fit) ** 2).sum(axis=0)
         assert errors[b] == pytest.approx(want, rel=1e-5)
     assert fits.shape == (4, 3)
-    assert held_out_sum(blocks, np.arange(3)) == pytest.approx(errors.sum(axis=1), rel=1e-6)
 
 
 def test_blocks_of_any_length_and_order_give_their_rows_sums():
@@ -155,30 +151,6 @@ def test_blocks_of_any_length_and_order_give_their_rows_sums():
         few = blocks.only(np.array([2, 0]))
         assert few.summed[0][b] == pytest.approx(blocks.summed[0][b][np.ix_([2, 0], [2, 0])])
         assert few.moment[b] == pytest.approx(blocks.moment[b][:, [2, 0]])
-
-
-def test_an_eliminated_nuisance_leaves_the_same_held_out_errors():
-    """Whether the nuisance model stays inside its bounds (shrunk by them), is held at them or has none."""
-    with case_table() as case:
-        for bound in (0.05, 0.5, np.inf):
-            with case(f"{bound}"):
-                rng = np.random.default_rng(4)
-                design = rng.standard_normal((900, 3, 9))
-                design[:, :, 6] += (
-                    0.9 * design[:, :, 0]
-                )  # the nuisance model is confounded with part of this one
-                truth = np.array([0.2, -0.02, 0.0, 0.01, 0.0, 0.0, 0.3, 0.0, -0.5])
-                residual = design @ truth + rng.standard_normal((900, 3))
-                block = np.repeat(np.arange(18), 50)
-                bounds = np.where(np.arange(9) < 5, bound, np.inf)
-                blocks = accumulate(design, residual, block, rng.permutation(18) % 6, bounds)
-                nuisance = np.arange(5)
-                sets = SchurComplement(blocks, nuisance)
-                for beside in ([], [6], [7, 5], [8, 6, 7, 5]):
-                    want = held_out_sum(blocks, np.array([*nuisance, *beside]))
-                    assert sets.held_out_sum(np.array(beside, int)) == pytest.approx(want, rel=1e-6)
-                largest = float(np.abs(solve(blocks, np.arange(9), np.ones(18))[nuisance]).max())
-                assert (largest > 0.99 * bound) == (bound == 0.05)
 
 
 def test_intervals_cover_the_error_they_are_of():

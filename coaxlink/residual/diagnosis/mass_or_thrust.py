@@ -79,24 +79,6 @@ def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
     return whole, float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2)))
 
 
-def why_mass(s: Scales) -> str:
-    """Why what is off is the mass, or nothing."""
-    return "the lift is off, roll and pitch torque are not" if s.verdict == "mass" else ""
-
-
-def behind_voltage(s: Scales) -> str:
-    """Why a mass hides behind the reference voltage that a sagging battery was fitted with, or nothing.
-
-    That voltage scales thrust and torques alike, so that it takes a mass's lift, but roll and pitch are then
-    off by one share that both declared moments of inertia would have to be off by.
-    """
-    share = float(np.mean(s.torque))
-    apart = np.abs(s.torque - share) + SURE * s.sigma
-    if abs(share) < DOUBTFUL_LIFT or np.any(apart > 1.5 * LIKE * abs(share)):
-        return ""
-    return f"the reference voltage took the lift, and roll and pitch torque are off by {100 * share:+.1f} %"
-
-
 def doubt(frame: FlightFrame, s: Scales, explained: bool) -> list[Ambiguous]:
     """What is said where the lift is off and the torques, if `explained`, do not side with a mass."""
     if s.verdict == "none" or (s.verdict == "mass" and explained):

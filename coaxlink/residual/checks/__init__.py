@@ -1,1 +1,0 @@
-"""What was chosen, held to its own numbers and to its rivals."""

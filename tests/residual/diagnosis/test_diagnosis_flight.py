@@ -1,0 +1,72 @@
+"""Flights by the stands' search: what noise is, which sets are one, and what is no name."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from coaxlink.effects import effect
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.decide import (
+    FLIGHTS,
+    at_bound,
+    calibration,
+    flown_nats,
+    flown_terms,
+    probability,
+)
+from coaxlink.residual.diagnosis.flight_search import left_by_all
+from coaxlink.residual.diagnosis.hypotheses import Scorer, key_of
+from coaxlink.residual.diagnosis.noise import white
+from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
+from coaxlink.residual.regression.joint_model import Member
+
+ROWS, SIZE = 800, 100.0
+
+
+def channels(target, slow):
+    """One channel of a load of 100, a level that is open, and one candidate."""
+    frame = SimpleNamespace(predicted=np.zeros((ROWS, 1)), free_nuisance=False)
+    candidate = SimpleNamespace(name="slow", sudden=False)
+    one = np.ones((ROWS, 1, 1))
+    return Channels(
+        frame=frame, bare=frame, known=(), names=("load",), units=("N",), reference=np.array([SIZE]),
+        target=target[:, None], block=np.arange(ROWS) // 20, least_noise=np.array([1e-3]), variables={},
+        speeds={}, weights=np.full((ROWS, 1), SIZE), nuisance=(Block("level", one, np.array([1.0])),),
+        surface=(), forms={}, effects=(), reduce=lambda columns: columns,
+        grid=[(candidate, {}, slow[:, None, None])],
+    )  # fmt: skip
+
+
+def test_what_a_candidate_explains_is_no_noise_though_it_is_in_no_set_yet():
+    random = np.random.default_rng(2)
+    slow = np.sin(np.arange(ROWS) / 60.0)
+    ch = channels(3.0 * slow + random.normal(0.0, 0.5, ROWS), slow)
+    empty = Scorer(ch, white(1)).empty
+    assert autocorrelation_time(empty.left, ch.block)[0] > 10.0
+    assert left_by_all(ch, empty)[0] == pytest.approx(1.0, abs=0.3)
+
+
+def test_one_name_at_two_rotors_is_two_sets():
+    weak = effect("degraded_rotor").flight
+    third, fourth = (Member(weak, {"rotor": r, "thrust_loss": 1.0}, np.array([0.1]), ()) for r in (3.0, 4.0))
+    assert key_of([third], ()) != key_of([fourth], ())
+
+
+def test_a_number_where_physics_ends_is_no_estimate():
+    lag = effect("rotor_lag").flight
+    frame = SimpleNamespace(airframe=SimpleNamespace(motor_lag_s=0.02))
+    low, high = lag.free(frame, {"share": 1.0, "lag_s": 0.1})["lag_s"]
+    for lag_s, ends in ((low, True), (high, True), (0.5 * (low + high), False)):
+        member = Member(lag, {"share": 1.0, "lag_s": lag_s}, np.ones(1), ("lag_s",))
+        assert at_bound(SimpleNamespace(bare=frame), member) == ends
+
+
+def test_a_flights_name_is_judged_by_the_terms_that_were_trained_and_more_nats_raise_it():
+    level = calibration(FLIGHTS)["level"]["name"]
+    assert set(flown_terms(1.0)) == set(calibration(FLIGHTS)["flight"]["weights"])
+    said = [probability("flight", flown_terms(nats)) for nats in (2.0, flown_nats(), 400.0)]
+    assert said == sorted(said) and said[0] < level and said[1] == pytest.approx(level)
