@@ -1,8 +1,8 @@
 """Faults of instruments as explanations of the same rows, weighed against the best set of effects.
 
-A cell that can read no further shows its limit, whatever the load; a tachometer that counts a wrong number of
-pulses shows a ratio of small numbers times the speed. Each is a model of the readings in some of the rows;
-where it beats everything physics offers, those rows are flagged and left out.
+A cell that can read no further shows its limit, whatever the load, as an effect that grows with it might:
+a model of the readings in some of the rows. Where it beats everything physics offers, those rows are flagged
+and left out. What no effect could be is found before (`residual.faults`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.samples import Samples
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
-from coaxlink.load import Load
-from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
+from coaxlink.residual.channels.stand import COLUMN_OF
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import white
@@ -27,14 +25,12 @@ from coaxlink.residual.faults.stand_faults import rows_text
 from coaxlink.residual.result import Suspect
 
 Mask = NDArray[np.bool_]
-RATIOS = (2.0, 0.5, 1.5, 2.0 / 3.0, 3.0, 1.0 / 3.0)  # of pulses counted to pulses due: poles, marks, edges
 LIMITS = (0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # quantiles of the readings: where a limit may lie
 ROUNDS = 4
 # of the rows, judgement: less is an outlier, more is what the log is like
 LEAST_SHARE, MOST_SHARE = 0.01, 0.5
 LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
 TOLERANCE = 0.03  # of the reference load: what a nuisance may err by, as a model of another day does
-CLEARLY = 9.0  # squared tolerances: three standard deviations by which another count must fit a row better
 EXCESS = 0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is its own error
 WITHIN = 3.0  # standard deviations of the readings at a limit
 
@@ -59,17 +55,12 @@ class Weighed:
     nats: float
 
 
-def weighed_faults(
-    samples: Samples, ch: Channels, best: Hypothesis, rebuilt: Callable[[Samples], Channels]
-) -> Weighed | None:
-    """The fault that is more probable than the best set of effects and free forms; None where none is.
-
-    `rebuilt` makes the channels of the log with another column.
-    """
+def weighed_faults(ch: Channels, best: Hypothesis) -> Weighed | None:
+    """The fault that is more probable than the best set of effects and free forms; None where none is."""
     plain = Scorer(ch, white(ch.count))
     rival = max(plain.score(best.members, best.forms, best.fit.noise).score, plain.empty.score)
     found: Weighed | None = None
-    for fault in (*_saturated(ch), *_miscounted(samples, ch, rebuilt)):
+    for fault in _saturated(ch):
         other = fault.mended()
         scorer = Scorer(other, white(other.count))
         score = scorer.empty.score
@@ -183,61 +174,3 @@ def _at_limit(ch: Channels, k: int, over: Mask, limit: float) -> Channels:
         reduce=lambda columns: without(ch.reduce(columns)),
         grid=[],
     )
-
-
-def _miscounted(samples: Samples, ch: Channels, rebuilt: Callable[[Samples], Channels]) -> Iterator[Fault]:
-    """Tachometers that count a wrong number of pulses in a band of speeds."""
-    frame: StandFrame = ch.frame
-    if frame.driven:
-        return
-    for side, column in enumerate(("upper_rpm", "lower_rpm")):
-        loads = [c for c in frame.present if c < 4]
-        if not samples.has(column) or not {2 * side, 2 * side + 1} & set(loads):
-            continue
-        for ratio in RATIOS:
-            rows = _better_at(frame, loads, side, ratio)
-            if rows is None:
-                continue
-            mended = replace(
-                samples,
-                columns={**samples.columns, column: np.where(rows, 1.0 / ratio, 1.0) * samples[column]},
-            )
-            runs = int(np.sum(np.diff(rows.astype(int)) != 0)) + 1
-            # where each run begins, and the speeds' own channel, which is read on another scale there
-            numbers = -runs * np.log(len(rows))
-            scale = -float(np.sum(rows[frame.keep])) * np.log(ratio) if 4 + side in frame.present else 0.0
-            yield Fault(
-                column,
-                f"reads {ratio:.3g} times the speed that the loads show: pulses are counted wrong",
-                rows,
-                partial(rebuilt, mended),
-                float(numbers + scale),
-            )
-
-
-def _better_at(frame: StandFrame, loads: list[int], side: int, ratio: float) -> Mask | None:
-    """(rows,) in a band of speeds whose loads fit clearly better at the reading over a ratio."""
-    slower = frame.speeds.copy()
-    slower[:, side] /= ratio
-    kept = np.zeros(len(frame.time_s), bool)
-    kept[frame.keep] = True
-    rows = np.zeros(len(kept), bool)
-    for _ in range(ROUNDS if frame.free_nuisance else 1):
-        model, sound = frame.model, kept & ~rows
-        if frame.free_nuisance:
-            model = fitted_model(frame.speeds[sound], frame.measured[sound], loads, frame.model.speed_max_rpm)
-        misses = []
-        for u in (frame.speeds, slower):
-            pair = model.loads(u[:, 0], u[:, 1])
-            due = np.stack([pair[load] for load in Load], axis=1)
-            off = (frame.measured[:, loads] - due[:, loads]) / (TOLERANCE * frame.reference[loads])
-            misses.append(np.sum(off**2, axis=1))
-        now = kept & (misses[0] - misses[1] > CLEARLY) & (misses[1] < misses[0] / CLEARLY)
-        if not _fair(now[kept]):
-            return None
-        low, high = np.min(slower[now, side]), np.max(slower[now, side])
-        now = (misses[1] < misses[0]) & (slower[:, side] >= low) & (slower[:, side] <= high)
-        if np.array_equal(now, rows):
-            break
-        rows = now
-    return rows if _fair(rows[kept]) else None

@@ -126,23 +126,15 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
     elif not silent:
         found = diagnosed(ch, progress)
         progress("weighing faults")
-        fault = weighed_faults(
-            samples,
-            found.channels,
-            found.posterior.best,
-            lambda other: mapped(stand_channels(other, model, trusted), white(ch.count)),
-        )
+        fault = weighed_faults(found.channels, found.posterior.best)
         if fault is not None:
             suspects.append(fault.suspect)
             sound = trusted[~fault.rows[trusted]]
             found = None
-            if fault.suspect.column in SPEEDS:
-                notes.append(IN_DOUBT)
             if len(sound) >= LEAST_ROWS:
                 trusted = sound
                 ch = stand_channels(samples, model, trusted)
-                if fault.suspect.column not in SPEEDS:
-                    found = diagnosed(ch, progress)
+                found = diagnosed(ch, progress)
     progress("judging")
     every = stand_channels(samples, model, trusted, most=ALL_ROWS)
     if found:

@@ -6,33 +6,33 @@ nothing that is left could be trusted, nothing is claimed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.frames import STAND_CHANNELS, Array, StandFrame, rows_of
-from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
-from coaxlink.residual.faults.cell_gain import gain_steps
-from coaxlink.residual.faults.column_labels import mislabels
-from coaxlink.residual.faults.context_columns import frozen_columns
-from coaxlink.residual.faults.load_cells import (
-    clipped_rows,
-    dropped_rows,
-    names_of,
-    odd_arms,
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
+from coaxlink.residual.channels.stand import COLUMN_OF
+from coaxlink.residual.faults.chain import lies, slips
+from coaxlink.residual.faults.stand_repeats import (
+    copied_columns,
     repeated_rows,
-    stuck_rows,
+    runs_of,
+    stuck_cells,
+    stuck_context,
+    stuck_tachometers,
 )
-from coaxlink.residual.faults.row_ranges import Mask
-from coaxlink.residual.faults.tachometers import biased_readings, coarse_step, stuck_readings
-from coaxlink.residual.faults.throttle_labels import crossed_throttles
+from coaxlink.residual.faults.states import RPM, Said
 from coaxlink.residual.result import Suspect
 
-SWAP = 0.25  # of the squares left when the labels are exchanged
+Mask = NDArray[np.bool_]
 LEAST_LEFT = 8  # rows
 MOST_FROZEN = 0.5  # of the rows
 RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
+COARSE = 0.02  # of the largest speed: steps in which a tachometer reads
+ARM, USUAL_ARM = (0.002, 0.5), 0.03  # m: torque over thrust of any rotor between a hand's width and 4 m
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,16 @@ class _Finding:
         self.suspects.append(Suspect(column, "all", why))
         self.columns += leave_out
 
+    def said(self, found: Said) -> None:
+        """Flag what a state of the chain is about."""
+        state = found.state
+        if not found.of_all_rows:
+            return self.rows(state.columns, found.rows, found.why)
+        loads = [] if state.exchanged else [COLUMN_OF[STAND_CHANNELS[c]] for c in state.channels]
+        self.swapped |= state.exchanged == "speeds" or state.side >= 0
+        throttles = state.columns.split(", ") if state.exchanged == "throttles" else []
+        return self.throughout(state.columns, found.why, *loads, *throttles)
+
     @property
     def silent(self) -> bool:
         """Whether nothing is left to be claimed."""
@@ -75,22 +85,38 @@ class _Finding:
 def find_suspects(frame: StandFrame) -> FlaggedColumns:
     """All that contradicts its label in a log."""
     found = _Finding(frame, [], np.zeros(len(frame.time_s), bool), [])
-    _look_at_stamps(found)
-    _look_at_cells(found)
-    _look_at_labels(found)
+    for column, rows, why in (*_set_back(frame), *stuck_cells(frame), *stuck_tachometers(frame)):
+        found.rows(column, rows, why)
+    repeated = repeated_rows(frame) & ~found.bad
+    if repeated.any():
+        found.rows("all loads", repeated, "these readings stand in the log before, digit by digit")
+    for column, rows, why in copied_columns(frame, ~found.bad):
+        found.rows(column, rows, why)
     if not found.silent:
-        _look_at_plugs(found)
-        _look_at_drives(found)
-        _look_at_context(found)
+        for said in lies(frame, ~found.bad):
+            found.said(said)
+        for columns, why in _odd_arms(frame, ~found.bad) if frame.free_nuisance else ():
+            found.throughout(", ".join(columns), why, *columns)
     if not found.silent:
-        for step in gain_steps(frame, ~found.bad):
-            found.rows(COLUMN_OF[STAND_CHANNELS[step.channel]], step.rows, step.why)
+        for side, step in _coarse(frame):  # loads of speeds that nobody knows
+            why = f"reads in steps of {100 * step:.1f} % of full speed, while the throttle moves far finer"
+            found.throughout(RPM[side], why)
+            found.swapped = True
+    if not found.silent:
+        for said in slips(frame, ~found.bad):
+            found.said(said)
+        # where half of a log and more stands still, the column is of no use; else these rows are of none
+        for name, rows, why in stuck_context(frame):
+            if np.mean(rows) < MOST_FROZEN:
+                found.rows(name, rows, why)
+            else:
+                found.throughout(name, why, name)
     return FlaggedColumns(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
 
 
-def _look_at_stamps(found: _Finding) -> None:
+def _set_back(frame: StandFrame) -> Iterator[tuple[str, Mask, str]]:
     """Rows whose stamp is before one that stands above them: a clock set back, blocks in the wrong order."""
-    time = found.frame.context("time_s")
+    time = frame.context("time_s")
     if time is None or len(time) < 2:
         return
     step = float(np.median(np.abs(np.diff(time))))
@@ -100,113 +126,48 @@ def _look_at_stamps(found: _Finding) -> None:
     for run in np.split(np.arange(len(time)), np.flatnonzero(anew)[1:]):
         rows[run] = time[run] < np.maximum.accumulate(time[run])
     if rows.any():
-        why = "time goes back: what follows from one row to the next is not known here"
-        found.rows("time_s", rows, why)
+        yield "time_s", rows, "time goes back: what follows from one row to the next is not known here"
 
 
-def _look_at_cells(found: _Finding) -> None:
-    frame = found.frame
-    for c in [c for c in frame.present if c < 4]:
-        column, stuck, clipped = COLUMN_OF[STAND_CHANNELS[c]], stuck_rows(frame, c), clipped_rows(frame, c)
-        if clipped is not None:
-            why = f"the cell reads no further than {clipped[1]:g}, where speeds give more: it is saturated"
-            found.rows(column, clipped[0], why)
-        elif stuck.any():
-            why = "one reading repeats exactly while the rotors turn and other cells do not stand still"
-            found.rows(column, stuck, why)
-    for side, name in enumerate(("upper_rpm", "lower_rpm")):
-        stuck = stuck_readings(frame, side)
-        if stuck.any():
-            found.rows(name, stuck, "one reading repeats exactly while the rotor's load goes up and down")
-    repeated = repeated_rows(frame) & ~found.bad
-    if repeated.any():
-        found.rows("all loads", repeated, "these readings stand in the log before, digit by digit")
-
-
-def _look_at_plugs(found: _Finding) -> None:
-    frame = found.frame
-    for c in [c for c in frame.present if c < 4 and COLUMN_OF[STAND_CHANNELS[c]] not in found.columns]:
-        dropped = dropped_rows(frame, c, ~found.bad)
-        if dropped.any():
-            why = "it reads nothing for some rows while the rotor pulls: a plug or a wire is loose"
-            found.rows(COLUMN_OF[STAND_CHANNELS[c]], dropped, why)
-
-
-def _look_at_context(found: _Finding) -> None:
-    """Where half of a log and more stands still, the column is of no use; else these rows are of none."""
-    for name, rows in frozen_columns(found.frame):
-        why = "one reading repeats exactly, which it does nowhere else, while the loads move"
-        if np.mean(rows) < MOST_FROZEN:
-            found.rows(name, rows, why)
-        else:
-            found.throughout(name, why, name)
-
-
-def _look_at_labels(found: _Finding) -> None:
-    frame = found.frame
-    if found.silent:
+def _coarse(frame: StandFrame) -> Iterator[tuple[int, float]]:
+    """Tachometers that read in steps, as shares of full speed, where the throttle moves far finer."""
+    if frame.driven or frame.throttles is None:
         return
-    for wrong in mislabels(frame, ~found.bad):
-        if not wrong.of_all_rows:
-            found.rows(wrong.way.columns, wrong.rows, wrong.why)
-            continue
-        names = [] if wrong.way.speeds else [COLUMN_OF[STAND_CHANNELS[c]] for c in wrong.way.channels]
-        found.throughout(wrong.way.columns, wrong.why, *names)
-        found.swapped |= wrong.way.speeds
-    for channels, why in odd_arms(frame, ~found.bad) if frame.free_nuisance else ():
-        found.throughout(names_of(channels), why, *names_of(channels).split(", "))
-    if not found.silent and not found.columns:
-        said = _swapped(rows_of(frame, np.flatnonzero(~found.bad)))
-        if said is not None:
-            found.throughout("upper_*, lower_* speeds", said)
-            found.swapped = True
-
-
-def _look_at_drives(found: _Finding) -> None:
-    names = ("upper_throttle", "lower_throttle")
-    crossed = crossed_throttles(found.frame, ~found.bad)
-    if crossed is not None and crossed.of_all_rows:
-        found.throughout(", ".join(names), crossed.why, *names)
-        return
-    if crossed is not None:
-        found.rows(", ".join(names), crossed.rows, crossed.why)
     for side in (0, 1):
-        step = coarse_step(found.frame, side)
-        if step is not None:  # loads of speeds that nobody knows
-            why = f"reads in steps of {100 * step:.1f} % of full speed, while the throttle moves far finer"
-            found.throughout(f"{('upper', 'lower')[side]}_rpm", why)
-            found.swapped = True
-    if found.silent:
-        return
-    sound = np.flatnonzero(~found.bad)
-    for bias in biased_readings(rows_of(found.frame, sound)) if len(sound) >= LEAST_LEFT else ():
-        rows = np.zeros(len(found.bad), bool)
-        rows[sound[bias.rows]] = True
-        found.rows(f"{('upper', 'lower')[bias.side]}_rpm", rows, bias.why)
+        read = np.unique(frame.speeds[:, side])
+        commanded = np.unique(np.round(frame.throttles[:, side], 3))
+        if len(read) >= 3 and len(commanded) >= 2 * len(read) + 4:
+            step = float(np.min(np.diff(read)))
+            if step > COARSE * float(read[-1]):
+                yield side, step
 
 
-def rows_text(mask: Array | NDArray[np.bool_]) -> str:
+def _odd_arms(frame: StandFrame, usable: Mask) -> Iterator[tuple[list[str], str]]:
+    """Loads of rotors whose torque over thrust no rotor has, with what they may be instead."""
+    arms: dict[int, float] = {}
+    for side in (0, 1):
+        if {2 * side, 2 * side + 1} <= set(frame.present):
+            loads = frame.measured[usable][:, 2 * side : 2 * side + 2]
+            thrust, torque = np.quantile(np.abs(loads), 0.95, axis=0)
+            if min(thrust, torque) > 0.0:
+                arms[side] = float(torque / thrust)
+    usual = next((arm for arm in arms.values() if ARM[0] < arm < ARM[1]), USUAL_ARM)
+    for side, arm in arms.items():
+        if ARM[0] < arm < ARM[1]:
+            continue
+        t, q = (COLUMN_OF[STAND_CHANNELS[2 * side + k]] for k in (0, 1))
+        guesses = {
+            "torque and thrust exchanged?": (1.0 / arm, [t, q]),
+            "torque in N cm?": (arm / 100.0, [q]),
+            "torque in N mm?": (arm / 1000.0, [q]),
+            "thrust in gf?": (arm * 1000.0 / GRAVITY_M_S2, [t]),
+        }
+        guess = min(guesses, key=lambda name: abs(np.log(guesses[name][0] / usual)))
+        yield guesses[guess][1], f"torque over thrust is {arm:.3g} m, which no rotor has: {guess}"
+
+
+def rows_text(mask: Array | Mask) -> str:
     """Row ranges of a mask, counted from 1: "12-30, 44"."""
-    rows = np.flatnonzero(mask)
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    shown = [f"{r[0] + 1}-{r[-1] + 1}" if len(r) > 1 else f"{r[0] + 1}" for r in runs[:6]]
+    runs = runs_of(np.asarray(mask, bool))
+    shown = [f"{a + 1}-{b}" if b - a > 1 else f"{b}" for a, b in runs[:6]]
     return ", ".join(shown) + (f" and {len(runs) - 6} more" if len(runs) > 6 else "")
-
-
-def _swapped(frame: StandFrame) -> str | None:
-    """Only the lower rotor feels the other's wake; where only the upper one does, labels are swapped."""
-    if not {0, 2} <= set(frame.present) or min(np.ptp(frame.speeds, axis=0)) < 0.2:
-        return None
-    left = []
-    for u in (frame.speeds, frame.speeds[:, ::-1]):
-        model = fitted_model(u, frame.measured, [0, 2], frame.model.speed_max_rpm)
-        pair = model.loads(u[:, 0], u[:, 1])
-        misses = (frame.measured[:, 0] - pair.upper_thrust, frame.measured[:, 2] - pair.lower_thrust)
-        left.append(sum(float(np.mean(m**2)) / max(float(np.var(frame.measured[:, c])), 1e-12)
-                        for m, c in zip(misses, (0, 2), strict=True)))  # fmt: skip
-    if left[1] < SWAP * left[0] and left[0] > 1e-3:
-        return (
-            "with upper and lower exchanged the loads fit "
-            f"{np.sqrt(left[0] / max(left[1], 1e-12)):.0f} times closer: labels or wires are swapped"
-        )
-    return None

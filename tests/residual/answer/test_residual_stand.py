@@ -11,7 +11,7 @@ from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
 from coaxlink.residual.channels.stand import stand_frame
-from coaxlink.residual.faults.load_cells import repeated_rows
+from coaxlink.residual.faults.stand_repeats import repeated_rows
 from coaxlink.rotor import load_rotor_model
 
 CASES = {

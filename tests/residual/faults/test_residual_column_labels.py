@@ -126,6 +126,13 @@ def test_torque_and_thrust_of_one_rotor_are_told_apart_without_a_model() -> None
     assert nothing_claimed(answer)
 
 
+def test_loads_exchanged_throughout_are_found_without_a_model() -> None:
+    """The upper rotor's loads hang on its own speed alone: of two readings of all rows one fits."""
+    columns = exchanged(run(seed=4), slice(None), ("upper_thrust_N", "lower_thrust_N"))
+    found = find_suspects(stand_frame(Samples(columns, "rig"), None))
+    assert [(s.column, s.rows) for s in found.suspects] == [("upper_thrust_N, lower_thrust_N", "all")]
+
+
 def test_one_column_copied_into_another(paper) -> None:
     columns = run(seed=6)
     columns["upper_thrust_N"][PART] = columns["lower_thrust_N"][PART]

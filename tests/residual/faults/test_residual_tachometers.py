@@ -138,5 +138,7 @@ def walked(seed: int) -> Samples:
 
 
 def test_no_cell_is_flagged_where_the_rotors_other_load_is_off_as_well() -> None:
+    """Both loads are those of half the speed: it is the tachometer."""
     frame = stand_frame(walked(9), load_rotor_model(files.example("rotor_paper.toml")))
-    assert find_suspects(frame).suspects == ()
+    (suspect,) = find_suspects(frame).suspects
+    assert suspect.column == "lower_rpm" and "+100.0 %" in suspect.why

@@ -1,0 +1,360 @@
+"""What the columns of a stand log really show, row by row: a hidden Markov chain over ways in which they lie.
+
+Each state undoes one fault of the instruments (another unit or sign, cables exchanged, a loose plug, pulses
+counted wrong) and says how far what is left is from the loads at those speeds, and the speeds from what their
+throttles give. The sound state allows beside the tolerance whatever physics may do to a load. Yardstick is
+the given rotor model, or what the other rows of the same log agree on. Rabiner, Proc. IEEE 77 (1989), III.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
+from coaxlink.residual.channels.stand import COLUMN_OF
+from coaxlink.residual.faults.states import (
+    AGREED,
+    RATIOS,
+    RPM,
+    WHOLE,
+    Mask,
+    Said,
+    State,
+    exchanges,
+    named,
+    readings_of,
+    scale_words,
+)
+from coaxlink.residual.faults.yardstick import (
+    BEGINS,
+    LOADED,
+    PHYSICS,
+    SURE,
+    TOLERANCE,
+    Yardstick,
+    curves_of,
+    nats_of,
+    places,
+    yardstick_of,
+)
+
+# priors: name = value  # unit, source
+TELLING, PLACES = 4, 3  # rows, places: one change of speed, with a lag in it, may look like anything
+LIKE = 0.05  # of full speed: rows at like speeds
+RANGE = 0.2  # of the reference load: over which a gain must be seen
+CLOSER, NEAR, OFF = 4.0, 4.0, 25.0  # times; squared tolerances, of each channel; more is off, by however much
+SLIP = 0.01  # of the speed: a motor's curve of throttle is told to that
+MOST = 0.55  # of the rows: of a fit to the log itself, more cannot be told from the rest
+ROUNDS, SCREENED_ROWS, BEGINNINGS = 4, 400, 2  # effort
+PARTS = (((0.0, 1.0),), ((0.0, 0.5),), ((0.5, 1.0),), ((0.25, 0.75),), ((0.0, 0.25), (0.75, 1.0)),
+         ((0.0, 0.34),), ((0.66, 1.0),))  # fmt: skip
+
+
+def lies(frame: StandFrame, usable: Mask) -> list[Said]:
+    """Where columns are not what they say, in rows that nothing else is wrong with."""
+    if usable.sum() < 8 or not [c for c in frame.present if c < 4]:
+        return []
+    parts = [part & usable for part in parts_of(len(usable))]
+    best = _path(frame, usable, usable, [])
+    if best.agree:
+        return best.found
+    for part in parts[1:]:
+        best = best.or_(_path(frame, usable, part, []))
+    states, every = exchanges(frame), []
+    if frame.free_nuisance:
+        # where each part has speeds of its own, a fit to one says little of the other: one for both
+        every = [(s, usable & ~part) for s in states if s.exchanged != "speeds" for part in parts[1:]]
+        every = sorted(every, key=lambda r: _screened(frame, usable, r))[:BEGINNINGS]
+    # of all rows a fit tells nothing of what is free in it: a rotor's thrust and its torque
+    told = [s for s in states if frame.free_nuisance and (s.exchanged or s.channels in ((0, 2), (1, 3)))]
+    every += [(s, usable) for s in told or [s for s in states if s.exchanged == "throttles"]]
+    for begun in every:
+        best = best.or_(_path(frame, usable, usable, [begun]))
+    return best.found
+
+
+def slips(frame: StandFrame, usable: Mask) -> list[Said]:
+    """Where a tachometer reads by some per cent another speed than throttle and loads."""
+    sides = [c - 4 for c in frame.present if c > 3 and {2 * c - 8, 2 * c - 7} & set(frame.present)]
+    if frame.driven or not sides or usable.sum() < 24:
+        return []
+    best = _path(frame, usable, usable, [], True)
+    begun = sorted(_begun(frame, usable, sides), key=lambda r: _screened(frame, usable, r, True))
+    for read in begun[:BEGINNINGS]:
+        best = best.or_(_path(frame, usable, usable, [read], True))
+    return best.found
+
+
+def _begun(frame: StandFrame, usable: Mask, sides: Sequence[int]) -> Iterator[tuple[State, Mask]]:
+    """Slips in bands of throttle or of time, by what joins the curves of inside and outside best."""
+    log, rows = readings_of(frame), np.flatnonzero(usable)
+    few = rows[:: max(1, len(rows) // SCREENED_ROWS)]
+    for side in sides:
+        speed, curves = log.speeds[:, side], curves_of(log.throttles, side, True)
+        tried = []
+        for order in (log.throttles[:, side], np.arange(len(speed))):
+            edges = np.unique([-np.inf, *np.quantile(order[usable], np.linspace(0.1, 0.9, 9)), np.inf])
+            for low, high in combinations(edges, 2):
+                band = (order > low) & (order <= high)
+                x = np.concatenate([curves, (speed * band)[:, None]], axis=1)[few]
+                fit, left, *_ = np.linalg.lstsq(x, speed[few], rcond=1e-10)
+                if len(left) and abs(fit[-1]) > SLIP and -2.0 < fit[-1] < 0.7:
+                    tried.append((float(left[0]), float(fit[-1]), band & usable))
+        for _, part, band in sorted(tried, key=lambda t: t[0])[:BEGINNINGS]:
+            for inside, ratio in ((band, 1.0 / (1.0 - part)), (usable & ~band, 1.0 - part)):
+                yield State(RPM[side], AGREED, side=side, ratio=ratio), inside
+
+
+@dataclass(frozen=True)
+class _Path:
+    """The most probable states of the rows under one yardstick."""
+
+    total: float  # nats
+    found: list[Said]
+    agree: bool  # all rows, as they are labelled
+
+    def or_(self, other: _Path) -> _Path:
+        """The more probable one; a fault surely so."""
+        return other if self.total - other.total > (0.0 if self.found else SURE) else self
+
+
+def _screened(frame: StandFrame, usable: Mask, read: tuple[State, Mask], fine: bool = False) -> float:
+    """Nats against a thinned log of which some rows are read in another way, by one fit to all of it."""
+    few = np.zeros(len(usable), bool)
+    few[np.flatnonzero(usable)[:: max(1, int(usable.sum()) // SCREENED_ROWS)]] = True
+    stick = yardstick_of(frame, few, [read], fine)
+    log = read[0].undo(readings_of(frame), read[1])
+    scale = float(np.sum(np.log(stick.tolerance[list(frame.present)])))
+    # of a reading on another scale
+    scale += float(np.log(read[0].ratio or 1.0) * np.mean(read[1][few]))
+    return float(np.sum(nats_of(stick.misses(log, stick.due(log)))[few])) + few.sum() * scale
+
+
+def _path(
+    frame: StandFrame, usable: Mask, trusted: Mask, read: list[tuple[State, Mask]], fine: bool = False
+) -> _Path:
+    """The states that a yardstick of these rows tells, and the yardstick of those, until they stay."""
+    failed = _Path(np.inf, [], False)
+    begun = bool(read)
+    for _ in range(ROUNDS):
+        if trusted.sum() < 24 and frame.free_nuisance:
+            return failed
+        stick = yardstick_of(frame, trusted, read, fine)
+        found, nats = _states(stick, usable, fine)
+        gone = np.logical_or.reduce([np.zeros(len(usable), bool), *(s.rows for s in found)])
+        again = [(s.state, s.rows) for s in found if s.state.exchanges or fine] if begun else []
+        now = usable & ~gone
+        for _, rows in again:
+            now = now | rows
+        if now.sum() < 24:
+            break
+        if np.array_equal(now, trusted) and len(read) == len(again) and all(
+            a == b and np.array_equal(x, y) for (a, x), (b, y) in zip(read, again, strict=True)
+        ):  # fmt: skip
+            break
+        trusted, read = now, again
+    told = not fine and (begun or not frame.free_nuisance)  # where what is right is known, or all of it tried
+    if not told and any(s.rows.sum() > MOST * usable.sum() for s in found):
+        return failed
+    scale = float(np.sum(np.log(stick.tolerance[list(frame.present)])))
+    log = readings_of(frame)
+    off = np.abs(stick.misses(log, stick.due(log)))[usable]
+    return _Path(nats + usable.sum() * scale, found, not found and float(np.mean(off > 3.0)) < 0.01)
+
+
+def _slips(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[State]:
+    """Tachometers that read by what the off ones of these rows read."""
+    out = []
+    for side in stick.curves:
+        c = 4 + side
+        out.append(State(RPM[side], AGREED, side=side))
+        rows = usable & (due[:, c] > LOADED * stick.reference[c])
+        rows &= np.abs(stick.frame.speeds[:, side] - due[:, c]) > 3.0 * stick.tolerance[c]
+        off = stick.frame.speeds[rows, side] / due[rows, c]
+        for times in (off[off > 1.0], off[off < 1.0]):
+            if len(times) >= TELLING and abs(float(np.median(times)) - 1.0) > SLIP:
+                out.append(State(RPM[side], AGREED, side=side, ratio=float(np.median(times))))
+    return out
+
+
+def _possible(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[State]:
+    """The states that these readings ask for."""
+    frame = stick.frame
+    out = exchanges(frame)
+    for c in [c for c in frame.present if c < 4]:
+        name = COLUMN_OF[STAND_CHANNELS[c]]
+        why = "it reads nothing for some rows while the rotor pulls: a plug or a wire is loose"
+        out.append(State(name, why, (c,), factor=0.0))
+        loaded = usable & (np.abs(due[:, c]) > LOADED * stick.reference[c])
+        share = frame.measured[loaded, c] / due[loaded, c]
+        off = share[(share < PHYSICS[0]) | (share > PHYSICS[1])]
+        factor = float(np.median(off)) if len(off) >= TELLING else 1.0
+        if not PHYSICS[0] < factor < PHYSICS[1] and abs(factor) > 1e-4:
+            out.append(State(name, scale_words(c, factor), (c,), factor=factor))
+    for side in (0, 1) if not frame.driven else ():
+        loads = [c for c in (2 * side, 2 * side + 1) if c in frame.present]
+        if np.sum(usable & ~possible[:, loads].all(axis=1)) < TELLING:  # as pulses miscounted make them
+            continue
+        says, ratios = "the loads show another speed, pulses are counted wrong", set(RATIOS)
+        if 4 + side in frame.present:
+            says = AGREED
+            usual = due[:, 4 + side]
+            turns = usable & (usual > LOADED * stick.reference[4 + side])
+            times = frame.speeds[turns, side] / usual[turns]
+            off = times[np.abs(times - 1.0) > 3.0 * TOLERANCE]
+            usually = float(np.median(off)) if len(off) >= TELLING else 1.0
+            if all(abs(usually / r - 1.0) > TOLERANCE for r in (1.0, *RATIOS)):
+                ratios.add(usually)
+        out += [State(RPM[side], says, side=side, ratio=r) for r in sorted(ratios) if r > 0.05]
+    return out
+
+
+def _states(stick: Yardstick, usable: Mask, fine: bool) -> tuple[list[Said], float]:
+    """What holds in which rows, and nats against all of them."""
+    log, rows = readings_of(stick.frame), np.flatnonzero(usable)
+    due = stick.due(log)
+    sound, possible = stick.sound(log)
+    states = (_slips if fine else _possible)(stick, usable, due, possible)
+    if not states:
+        return [], float(np.sum(sound[rows]))
+    won = np.stack([stick.won(s, sound, possible, due) for s in states], axis=1)[rows]
+    against = float(np.sum(sound[rows]))
+    likely = []
+    for k, state in enumerate(states):  # a chain of all of them is dear
+        mine = np.zeros(len(usable), bool)
+        mine[rows[won[:, k] > 1.0]] = True
+        if mine.sum() >= TELLING and _closer(stick, state, mine, due):
+            likely.append(k)
+    states, won = [states[k] for k in likely], won[:, likely]
+    while states:
+        able = np.arange(len(states))
+        path = viterbi(won[:, able])
+        bad = []
+        found = []
+        for k, n in enumerate(able):
+            mine = np.zeros(len(usable), bool)
+            mine[rows[path == k]] = True
+            if mine.any():
+                said = _borne_out(stick, states[n], mine, usable, won[:, n][path == k], due)
+                bad += [n] if said is None else []
+                found += [said] if said is not None else []
+                against -= 0.0 if said is None else float(won[:, n][path == k].sum())
+        if not bad:
+            return found, against
+        against = float(np.sum(sound[rows]))
+        keep = [n for n in range(len(states)) if n not in bad]
+        states, won = [states[n] for n in keep], won[:, keep]
+    return [], float(np.sum(sound[rows]))
+
+
+def viterbi(won: Array) -> NDArray[np.intp]:
+    """(rows,) the states of a chain, -1 sound, from nats (rows, K) by which each beats it; runs cost BEGINS.
+
+    >>> viterbi(np.array([[-1.0], [9.0], [-1.0], [9.0], [-9.0]])).tolist()
+    [-1, 0, 0, 0, -1]
+    """
+    rows, count = won.shape
+    value = np.full(count, -np.inf)
+    sound = 0.0
+    stays, came = np.zeros((rows, count), bool), np.full(rows, -1, np.intp)
+    for i in range(rows):
+        enter = sound - BEGINS
+        stays[i] = value >= enter
+        leave = int(np.argmax(value))
+        sound, came[i] = (value[leave], leave) if value[leave] > sound else (sound, -1)
+        value = np.where(stays[i], value, enter) + won[i]
+    out = np.full(rows, -1, np.intp)
+    last = int(np.argmax(value))
+    now = last if value[last] > sound else -1
+    for i in range(rows - 1, -1, -1):
+        out[i] = now
+        if now < 0:
+            now = int(came[i])
+        elif not stays[i, now]:
+            now = -1
+    return out
+
+
+def _borne_out(
+    stick: Yardstick, state: State, rows: Mask, usable: Mask, won: Array, due: Array
+) -> Said | None:
+    """The rows of a state, all where nearly all are; none without enough speeds and loads that show it."""
+    frame = stick.frame
+    if state.one_cell:
+        (c,) = state.channels
+        rows = _abrupt(rows, frame.measured[:, c], due[:, c], stick.reference[c])
+        if not rows.any():
+            return None
+    runs = int(np.sum(np.diff(rows.astype(int)) > 0)) + int(rows[0])
+    if float(won.sum()) - runs * BEGINS < SURE or np.sum(won > 1.0) < TELLING:
+        return None
+    if places(frame.speeds[rows]) < PLACES:
+        return None
+    whole = rows.sum() >= WHOLE * usable.sum()
+    if state.one_cell:
+        (c,) = state.channels
+        if np.ptp(due[rows, c]) < RANGE * stick.reference[c]:
+            return None
+        if not whole and state.factor and not named(c, state.factor)[1]:
+            return None
+    times = _closer(stick, state, rows, due)
+    if not times:
+        return None
+    if not state.factor and not _read_elsewhere(
+        frame, rows, usable, due[:, state.channels[0]], state.channels[0]
+    ):
+        return None
+    reads = np.ones(len(rows))
+    if state.side >= 0:
+        reads[rows] = state.ratio or 1.0
+        if not state.ratio:
+            reads[rows] = frame.speeds[rows, state.side] / due[rows, 4 + state.side]
+    return Said(state, usable.copy() if whole else rows, times, reads)
+
+
+def _closer(stick: Yardstick, state: State, rows: Mask, due: Array) -> float:
+    """How many times closer these rows are with it; nothing where a channel is not, or is not near then."""
+    log, concerned = readings_of(stick.frame), [c for c in state.concerns if c in stick.frame.present]
+    if not rows.any() or not concerned:
+        return 0.0
+    read = stick.undone(state, due)
+    before = stick.misses(log, due)[rows][:, concerned] ** 2
+    after = stick.misses(read, due if state.one_cell else stick.due(read))[rows][:, concerned] ** 2
+    if not state.factor:
+        after = (log.loads / stick.tolerance[:4])[rows][:, concerned] ** 2
+    times = float(np.sqrt(before.mean() / max(float(after.mean()), 1e-12)))
+    few, many = (np.minimum(x, OFF).mean(axis=0) for x in (after, before))
+    return times if times > CLOSER and np.all(few < np.minimum(many / 2.0, NEAR)) else 0.0
+
+
+def _abrupt(rows: Mask, read: Array, due: Array, size: float) -> Mask:
+    """The runs beside which the load is read: what physics does begins and ends by degrees."""
+    out = rows.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]])))
+    for first, end in edges.reshape(-1, 2):
+        for beside in (slice(max(first - 2, 0), first), slice(end, end + 2)):
+            loaded = np.abs(due[beside]) > LOADED * size
+            share = read[beside][loaded] / due[beside][loaded]
+            if len(share) and not np.any((share > 0.5) & (share < PHYSICS[1])):
+                out[first:end] = False
+    return out
+
+
+def _read_elsewhere(frame: StandFrame, rows: Mask, usable: Mask, due: Array, c: int) -> bool:
+    """Whether most of these rows have others at like speeds that read the load: else it has none there."""
+    others = np.flatnonzero(usable & ~rows)
+    far, near = cKDTree(frame.speeds[others]).query(frame.speeds[rows], k=2, distance_upper_bound=LIKE)
+    share = np.append(frame.measured[others, c], np.nan)[near] / due[rows][:, None]
+    return bool(np.mean(np.isfinite(far).all(axis=1) & (share > 0.5).all(axis=1)) > 0.5)
+
+
+def parts_of(rows: int) -> list[Mask]:
+    """Masks (rows,) of contiguous parts of a log: in one of them the labels may be right throughout."""
+    at = (np.arange(rows) + 0.5) / rows
+    return [np.logical_or.reduce([(a <= at) & (at < b) for a, b in part]) for part in PARTS]
