@@ -29,6 +29,7 @@ from coaxlink.residual.faults.states import (
     exchanges,
     named,
     readings_of,
+    runs_of,
     scale_words,
 )
 from coaxlink.residual.faults.yardstick import (
@@ -50,6 +51,8 @@ LIKE = 0.05  # of full speed: rows at like speeds
 RANGE = 0.2  # of the reference load: over which a gain must be seen
 CLOSER, NEAR, OFF = 4.0, 4.0, 25.0  # times; squared tolerances, of each channel; more is off, by however much
 SLIP = 0.01  # of the speed: a motor's curve of throttle is told to that
+GAIN, OTHER = 0.05, 0.25  # of the load: spans drift by less within a log; of that, by the rotor's other load
+RUNS, AGREE, AMONG = 2, 0.35, 12  # of another gain; of it, by so many rows that have others at like speeds
 MOST = 0.55  # of the rows: of a fit to the log itself, more cannot be told from the rest
 ROUNDS, SCREENED_ROWS, BEGINNINGS = 4, 400, 2  # effort
 PARTS = (((0.0, 1.0),), ((0.0, 0.5),), ((0.5, 1.0),), ((0.25, 0.75),), ((0.0, 0.25), (0.75, 1.0)),
@@ -80,9 +83,10 @@ def lies(frame: StandFrame, usable: Mask) -> list[Said]:
 
 
 def slips(frame: StandFrame, usable: Mask) -> list[Said]:
-    """Where a tachometer reads by some per cent another speed than throttle and loads."""
+    """Where a tachometer or a cell reads by some per cent something else than the others of the log say."""
     sides = [c - 4 for c in frame.present if c > 3 and {2 * c - 8, 2 * c - 7} & set(frame.present)]
-    if frame.driven or not sides or usable.sum() < 24:
+    sides = [] if frame.driven else sides
+    if usable.sum() < 24:
         return []
     best = _path(frame, usable, usable, [], True)
     begun = sorted(_begun(frame, usable, sides), key=lambda r: _screened(frame, usable, r, True))
@@ -169,9 +173,18 @@ def _path(
 
 
 def _slips(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[State]:
-    """Tachometers that read by what the off ones of these rows read."""
+    """Tachometers and cells that read by what the off ones of these rows read."""
     out = []
-    for side in stick.curves:
+    for c in [c for c in stick.frame.present if c < 4 and c ^ 1 in stick.frame.present]:
+        rows = usable & (np.abs(due[:, c]) > LOADED * stick.reference[c])
+        rows &= np.abs(stick.frame.measured[:, c] - due[:, c]) > 3.0 * stick.tolerance[c]
+        off = stick.frame.measured[rows, c] / due[rows, c]
+        for times in (off[off > 1.0], off[off < 1.0]):
+            factor = float(np.median(times)) if len(times) >= TELLING else 1.0
+            if abs(factor - 1.0) > GAIN:
+                says = f"reads {100 * (factor - 1.0):+.0f} % here, and the rotor's other load does not"
+                out.append(State(COLUMN_OF[STAND_CHANNELS[c]], says, (c,), factor=factor))
+    for side in stick.curves if not stick.frame.driven else ():
         c = 4 + side
         out.append(State(RPM[side], AGREED, side=side))
         rows = usable & (due[:, c] > LOADED * stick.reference[c])
@@ -291,8 +304,7 @@ def _borne_out(
         rows = _abrupt(rows, frame.measured[:, c], due[:, c], stick.reference[c])
         if not rows.any():
             return None
-    runs = int(np.sum(np.diff(rows.astype(int)) > 0)) + int(rows[0])
-    if float(won.sum()) - runs * BEGINS < SURE or np.sum(won > 1.0) < TELLING:
+    if float(won.sum()) - len(runs_of(rows)) * BEGINS < SURE or np.sum(won > 1.0) < TELLING:
         return None
     if places(frame.speeds[rows]) < PLACES:
         return None
@@ -301,7 +313,8 @@ def _borne_out(
         (c,) = state.channels
         if np.ptp(due[rows, c]) < RANGE * stick.reference[c]:
             return None
-        if not whole and state.factor and not named(c, state.factor)[1]:
+        unnamed = not whole and state.factor and not named(c, state.factor)[1]
+        if unnamed and not _touched(stick, state, rows, usable, due):
             return None
     times = _closer(stick, state, rows, due)
     if not times:
@@ -336,8 +349,7 @@ def _closer(stick: Yardstick, state: State, rows: Mask, due: Array) -> float:
 def _abrupt(rows: Mask, read: Array, due: Array, size: float) -> Mask:
     """The runs beside which the load is read: what physics does begins and ends by degrees."""
     out = rows.copy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]])))
-    for first, end in edges.reshape(-1, 2):
+    for first, end in runs_of(rows):
         for beside in (slice(max(first - 2, 0), first), slice(end, end + 2)):
             loaded = np.abs(due[beside]) > LOADED * size
             share = read[beside][loaded] / due[beside][loaded]
@@ -352,6 +364,33 @@ def _read_elsewhere(frame: StandFrame, rows: Mask, usable: Mask, due: Array, c: 
     far, near = cKDTree(frame.speeds[others]).query(frame.speeds[rows], k=2, distance_upper_bound=LIKE)
     share = np.append(frame.measured[others, c], np.nan)[near] / due[rows][:, None]
     return bool(np.mean(np.isfinite(far).all(axis=1) & (share > 0.5).all(axis=1)) > 0.5)
+
+
+def _touched(stick: Yardstick, state: State, rows: Mask, usable: Mask, due: Array) -> bool:
+    """Whether a cell's gain changed for a while, by rows at like speeds before and after it.
+
+    No effect of a rotor scales one load and not its other one, between two rows of a log and back again.
+    """
+    frame, (c,), off = stick.frame, state.channels, state.factor - 1.0
+    loaded = np.abs(due[:, :4]) > LOADED * stick.reference[:4]
+    if c ^ 1 not in frame.present or len(runs_of(rows)) > RUNS:
+        return False
+    share = np.where(loaded, frame.measured[:, :4] / np.where(loaded, due[:, :4], 1.0), np.nan)
+    both = rows & loaded[:, c] & loaded[:, c ^ 1]
+    if not both.any() or abs(float(np.median(share[both, c ^ 1])) - 1.0) > OTHER * abs(off):
+        return False
+    mine, at = np.flatnonzero(rows & loaded[:, c]), np.arange(len(rows))
+    agree = []
+    for side in (at < mine[0], at > mine[-1]):
+        others = np.flatnonzero(usable & ~rows & side & loaded[:, c])
+        if not len(others):
+            continue
+        far, near = cKDTree(frame.speeds[others]).query(frame.speeds[mine], distance_upper_bound=LIKE)
+        has = np.isfinite(far)
+        if has.sum() >= AMONG:
+            change = float(np.median(share[mine[has], c] - share[others[near[has]], c]))
+            agree.append(abs(change - off) < AGREE * abs(off))
+    return bool(agree) and all(agree)
 
 
 def parts_of(rows: int) -> list[Mask]:

@@ -15,7 +15,8 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import Samples
 from coaxlink.frames import GRAVITY_NED, Array
-from coaxlink.residual.faults.repeated_readings import Finding, Mask, flying_rows, held_rows, windows
+from coaxlink.residual.faults.repeated_readings import Finding, flying_rows, held_rows, windows
+from coaxlink.residual.faults.states import Mask, runs_of
 
 # of an accelerometer that was never calibrated a data sheet has 3 % of scale (MPU-6000), and 2 % for its zero
 ACCEL_SHARE = 0.05
@@ -83,9 +84,8 @@ def _height(log: Samples) -> list[Finding]:
     step_s = float(np.nanmedian(np.diff(time))) if log.rows > 2 else 1.0
     held = held_rows(log["height_m"], flying_rows(log), step_s)
     rows = np.zeros(log.rows, bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
     most = 0.0
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
+    for first, end in runs_of(held):
         steps = np.diff(time[first:end])
         speed = np.where(steps < 1.0, velocity[first : end - 1], 0.0)  # what happened in a gap is not known
         path = np.nancumsum(speed * steps)

@@ -5,7 +5,7 @@ Found before anything is fitted; the rows are left out, or, where every row is c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -19,10 +19,10 @@ from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
 from coaxlink.residual.faults.contradictions import contradicted, motors_too_many
 from coaxlink.residual.faults.repeated_readings import DEAD, copied, stuck
 from coaxlink.residual.faults.stand_faults import rows_text
+from coaxlink.residual.faults.states import Mask, runs_of
 from coaxlink.residual.result import Suspect
 from coaxlink.signals import derivative, low_pass
 
-Mask = NDArray[np.bool_]
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
 # times what the exchange leaves: one failing rotor, or a centre of mass, that leaves less explains as much
 FAILS = 3.0
@@ -77,9 +77,8 @@ def without_flagged(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFr
 def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
     """(frame rows,) whether a frame's row lies in a run of the log's rows, or so near that it is felt."""
     out = np.zeros(len(frame_time), bool)
-    at = np.flatnonzero(rows)
-    for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
-        first, last = float(np.nanmin(time[run])), float(np.nanmax(time[run]))
+    for a, b in runs_of(rows):
+        first, last = float(np.nanmin(time[a:b])), float(np.nanmax(time[a:b]))
         out |= (frame_time >= first - EDGE_S) & (frame_time <= last + EDGE_S)
     return out
 
@@ -133,35 +132,45 @@ def _early(frame: FlightFrame) -> list[Suspect]:
     return [Suspect("time_s", "all", why)]
 
 
+def _stretches(frame: FlightFrame, made: Callable[[NDArray[np.intp]], Array]) -> Array:
+    """(rows, K) what is made of the rows of every stretch without a gap."""
+    parts = [np.flatnonzero(frame.stretch == number) for number in np.unique(frame.stretch)]
+    values = [made(rows) for rows in parts]
+    out = np.zeros((len(frame.time_s), *values[0].shape[1:]))
+    for rows, value in zip(parts, values, strict=True):
+        out[rows] = value
+    return out
+
+
 def _band(frame: FlightFrame, loads: Array) -> Array:
     """(rows, K) between BAND_HZ and what is judged."""
-    out = np.zeros_like(loads)
-    for number in np.unique(frame.stretch):
-        rows = np.flatnonzero(frame.stretch == number)
+
+    def between(rows: NDArray[np.intp]) -> Array:
         smooth = low_pass(loads[rows], frame.rate_hz, frame.cutoff_hz)
-        out[rows] = smooth - low_pass(loads[rows], frame.rate_hz, BAND_HZ)
-    return out
+        return smooth - low_pass(loads[rows], frame.rate_hz, BAND_HZ)
+
+    return _stretches(frame, between)
 
 
 def _shifted(frame: FlightFrame, loads: Array, later_s: float) -> Array:
     """(rows, K) as they were so much earlier, within stretches."""
-    out = np.zeros_like(loads)
-    for number in np.unique(frame.stretch):
-        rows = np.flatnonzero(frame.stretch == number)
+
+    def earlier(rows: NDArray[np.intp]) -> Array:
         time = frame.time_s[rows]
-        out[rows] = np.stack([np.interp(time - later_s, time, x) for x in loads[rows].T], axis=1)
-    return out
+        return np.stack([np.interp(time - later_s, time, x) for x in loads[rows].T], axis=1)
+
+    return _stretches(frame, earlier)
 
 
 def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
     """(rows, 3) body rates below a frequency, as the gyro tells them and as the logged attitude turns."""
     attitude = frame.extra.get("logged_attitude", frame.attitude)  # as logged: nothing of the gyro in it
-    rate, gyro = np.zeros_like(attitude), np.zeros_like(frame.rates)
-    for number in np.unique(frame.stretch):
-        rows = np.flatnonzero(frame.stretch == number)
-        smooth = np.unwrap(attitude[rows], axis=0)
-        gyro[rows] = frame.rates[rows]
-        rate[rows] = derivative(low_pass(smooth, frame.rate_hz, frame.cutoff_hz), frame.rate_hz)
+
+    def turned(rows: NDArray[np.intp]) -> Array:
+        smooth = low_pass(np.unwrap(attitude[rows], axis=0), frame.rate_hz, frame.cutoff_hz)
+        return derivative(smooth, frame.rate_hz)
+
+    rate, gyro = _stretches(frame, turned), frame.rates
     roll, pitch = attitude[:, 0], attitude[:, 1]
     body = np.stack(
         [
@@ -172,10 +181,10 @@ def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
         axis=1,
     )
     if cutoff_hz < frame.cutoff_hz:
-        for number in np.unique(frame.stretch):
-            rows = np.flatnonzero(frame.stretch == number)
-            body[rows] = low_pass(body[rows], frame.rate_hz, cutoff_hz)
-            gyro[rows] = low_pass(gyro[rows], frame.rate_hz, cutoff_hz)
+        gyro, body = (
+            _stretches(frame, lambda rows, x=x: low_pass(x[rows], frame.rate_hz, cutoff_hz))  # type: ignore[misc]
+            for x in (gyro, body)
+        )
     return gyro, body
 
 
@@ -185,10 +194,7 @@ def _scale(frame: FlightFrame, gyro: Array, attitude_rate: Array) -> tuple[float
     A delay between the two is fitted beside. With the gyro on the right side its noise makes the factor seem
     larger, with the attitude's rate there that one's noise makes it seem smaller: it lies between the two.
     """
-    late = np.zeros_like(gyro)
-    for number in np.unique(frame.stretch):
-        rows = np.flatnonzero(frame.stretch == number)
-        late[rows] = derivative(gyro[rows], frame.rate_hz)
+    late = _stretches(frame, lambda rows: derivative(gyro[rows], frame.rate_hz))
     columns = np.stack([gyro, late, np.ones(len(gyro))], axis=1)[frame.keep]
     pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
     grams = np.stack([columns[p].T @ columns[p] for p in pieces])

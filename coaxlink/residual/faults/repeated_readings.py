@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import GRAVITY_NED, IMU_COLUMNS, Array
+from coaxlink.residual.faults.states import Mask, runs_of
 
-Mask = NDArray[np.bool_]
+Windows = tuple[NDArray[np.intp], NDArray[np.intp], int]  # first rows, rows behind the last, length
 Finding = tuple[str, Mask, str]  # column, rows, why
 ATTITUDE = ("roll", "pitch", "yaw")
 UPRIGHT = 0.1  # cosine: nearer to the vertical these angles say nothing
@@ -32,56 +33,32 @@ SIGMAS = 3.0
 
 
 def stuck(log: Samples) -> list[Finding]:
-    """Axes that read exactly the same for long while the vehicle flies."""
+    """Axes that read exactly the same for long while the vehicle flies, and angles while its gyros turn."""
     found: list[Finding] = []
     flying = flying_rows(log)
     step_s = float(np.nanmedian(np.diff(log["time_s"]))) if log.rows > 2 else 1.0
-    for kind, unit in KINDS.items():
-        names = [f"{kind}_{axis}_{unit}" for axis in "xyz"]
+    for kind, unit in {**KINDS, "": "rad"}.items():
+        names = [f"{kind}_{axis}_{unit}" for axis in "xyz"] if kind else [f"{n}_rad" for n in ATTITUDE]
         held = np.stack([held_rows(log[name], flying, step_s) for name in names], axis=1)
         if not held.any():
             continue
-        steps = [log.resolution.get(name, resolution_of(log[name])) for name in names]
-        known = [s for s in steps if np.isfinite(s)]
-        # an axis that never moves has its neighbours' resolution
-        step = min(known) if known else float("nan")
-        coarse = [
-            is_coarse(log[n], s) if np.isfinite(s) else any(is_coarse(log[m], step) for m in names)
-            for n, s in zip(names, steps, strict=True)
-        ]
-        proven = _contradicted(log, names, held, step) if any(coarse) else held
-        for k, name in enumerate(names):
-            rows = held[:, k] & (proven[:, k] if coarse[k] else True)
-            if rows.any():
-                found.append((name, rows, "one reading repeats exactly while the vehicle flies"))
-    return [*found, *_stuck_attitude(log, flying, step_s)]
-
-
-def _stuck_attitude(log: Samples, flying: Mask, step_s: float) -> list[Finding]:
-    """Angles that stand still while the gyros tell that the vehicle turns."""
-    names = [f"{name}_rad" for name in ATTITUDE]
-    held = np.stack([held_rows(log[name], flying, step_s) for name in names], axis=1)
-    if not held.any():
-        return []
-    first, last, size = windows(log, WINDOW_S)
-    time = (log["time_s"][last] - log["time_s"][first])[:, None]
-    angles = np.unwrap(np.stack([log[name] for name in names], axis=1), axis=0)
-    turned = (angles[last] - angles[first]) / time
-    rates = _means(log, [f"gyro_{axis}_rad_s" for axis in "xyz"], first, size)
-    roll, pitch, _ = angles[(first + last) // 2].T
-    about = rates[:, 1] * np.sin(roll) + rates[:, 2] * np.cos(roll)  # the vertical's part, before its tilt
-    upright = np.maximum(np.cos(pitch), UPRIGHT)
-    due = np.stack(
-        [
-            rates[:, 0] + about * np.sin(pitch) / upright,
-            rates[:, 1] * np.cos(roll) - rates[:, 2] * np.sin(roll),
-            about / upright,
-        ],
-        axis=1,
-    )
-    proven = _proven(log, held, due - turned, (first, last, size), 0.0)
-    why = "one reading repeats exactly while the gyros tell that the vehicle turns"
-    return [(name, proven[:, k], why) for k, name in enumerate(names) if proven[:, k].any()]
+        step, coarse = 0.0, [True] * 3  # an angle may stand still with the vehicle
+        if kind:
+            steps = [log.resolution.get(name, resolution_of(log[name])) for name in names]
+            # an axis that never moves has its neighbours' resolution
+            step = min([s for s in steps if np.isfinite(s)], default=float("nan"))
+            coarse = [
+                is_coarse(log[n], s) if np.isfinite(s) else any(is_coarse(log[m], step) for m in names)
+                for n, s in zip(names, steps, strict=True)
+            ]
+        if any(coarse):
+            at = windows(log, WINDOW_S)
+            proven = _proven(log, held, _due(log, kind, at) - _read(log, kind, names, at), at, step)
+            held &= proven | ~np.array(coarse)
+        while_ = "the vehicle flies" if kind else "the gyros tell that the vehicle turns"
+        why = f"one reading repeats exactly while {while_}"
+        found += [(name, held[:, k], why) for k, name in enumerate(names) if held[:, k].any()]
+    return found
 
 
 def copied(log: Samples) -> list[Finding]:
@@ -97,8 +74,7 @@ def copied(log: Samples) -> list[Finding]:
         surprise = _surprise(code)
         for lag in _lags(code):
             same = code[lag:] == code[:-lag]
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-            for a, b in zip(edges[::2] + lag, edges[1::2] + lag, strict=True):
+            for a, b in ((a + lag, b + lag) for a, b in runs_of(same)):
                 information = surprise[a:b].sum() - 2.0 * np.log(
                     len(rows)
                 )  # wherever it begins, whatever the lag
@@ -131,24 +107,17 @@ def held_rows(values: Array, flying: Mask, step_s: float) -> Mask:
     return rows
 
 
-def _contradicted(log: Samples, names: list[str], held: Mask, step: float) -> Mask:
-    """(rows, 3) of `held` where the rest of the log says that the reading cannot be.
-
-    Compared are means over WINDOW_S; how far the two usually differ is told by what is not held.
-    """
-    first, last, size = windows(log, WINDOW_S)
-    due = _due(log, first, last, gyro=names[0].startswith("gyro"))
-    return _proven(log, held, due - _means(log, names, first, size), (first, last, size), step)
-
-
 def _proven(
     log: Samples,
     held: Mask,
     differs: Array,
-    at: tuple[NDArray[np.intp], NDArray[np.intp], int],
+    at: Windows,
     step: float,
 ) -> Mask:
-    """(rows, 3) runs of `held` in which the other sensors differ (windows, 3) by more than elsewhere."""
+    """(rows, 3) runs of `held` in which the other sensors differ (windows, 3) by more than elsewhere.
+
+    Compared are means over WINDOW_S; how far the two usually differ is told by what is not held.
+    """
     first, last, size = at
     inside = np.stack([held[first + size // 2, k] for k in range(3)], axis=1)
     flying = flying_rows(log)[first + size // 2]
@@ -160,15 +129,14 @@ def _proven(
             continue
         usual = 1.4826 * float(np.median(np.abs(others - np.median(others))))
         limit = SIGMAS * max(usual, step)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], held[:, k].astype(int), [0]])))
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
+        for a, b in runs_of(held[:, k]):
             here = (first >= a) & (last <= b)
             if here.any() and float(np.sqrt(np.mean(differs[here, k] ** 2))) > limit:
                 proven[a:b, k] = True
     return proven
 
 
-def windows(log: Samples, window_s: float) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+def windows(log: Samples, window_s: float) -> Windows:
     """First rows and rows behind the last of windows without a gap, and their length in rows."""
     time = log["time_s"]
     step_s = float(np.nanmedian(np.diff(time))) if log.rows > 2 else 0.0
@@ -181,23 +149,38 @@ def windows(log: Samples, window_s: float) -> tuple[NDArray[np.intp], NDArray[np
     return first[gapless], last[gapless], size
 
 
-def _means(log: Samples, names: list[str], first: NDArray[np.intp], size: int) -> Array:
-    """(windows, names) means over windows."""
+def _read(log: Samples, kind: str, names: list[str], at: Windows) -> Array:
+    """(windows, 3) what the axes read on average, or by how much the angles changed in a second."""
+    first, _, size = at
+    if not kind:
+        return _turned(log, at)[0]
     rows = first[:, None] + np.arange(size)
     return np.stack([log[n][rows].mean(axis=1) for n in names], axis=1)
 
 
-def _due(log: Samples, first: NDArray[np.intp], last: NDArray[np.intp], *, gyro: bool) -> Array:
-    """(windows, 3) what the axes should have read on average: body rates, or specific force."""
-    time = (log["time_s"][last] - log["time_s"][first])[:, None]
+def _turned(log: Samples, at: Windows) -> tuple[Array, Array]:
+    """(windows, 3) by how much roll, pitch and yaw changed in a second, and what they were amid."""
+    first, last, _ = at
     angles = np.unwrap(np.stack([log[f"{n}_rad"] for n in ATTITUDE], axis=1), axis=0)
-    turned = (angles[last] - angles[first]) / time
-    roll, pitch, yaw = angles[(first + last) // 2].T
+    time = (log["time_s"][last] - log["time_s"][first])[:, None]
+    return (angles[last] - angles[first]) / time, angles[(first + last) // 2]
+
+
+def _due(log: Samples, kind: str, at: Windows) -> Array:
+    """(windows, 3) what the rest of the log says: body rates, specific force, or what the angles turn."""
+    first, last, _ = at
+    turned, angles = _turned(log, at)
+    roll, pitch, yaw = angles.T
     sr, cr, sp, cp, sy, cy = (f(x) for x in (roll, pitch, yaw) for f in (np.sin, np.cos))
-    if gyro:
+    if kind == "gyro":
         dr, dp, dy = turned.T
         return np.stack([dr - dy * sp, dp * cr + dy * sr * cp, -dp * sr + dy * cr * cp], axis=1)
+    if not kind:
+        x, y, z = _read(log, "gyro", [f"gyro_{axis}_rad_s" for axis in "xyz"], at).T
+        about, upright = y * sr + z * cr, np.maximum(cp, UPRIGHT)  # the vertical's part, before its tilt
+        return np.stack([x + about * sp / upright, y * cr - z * sr, about / upright], axis=1)
     velocity = np.stack([log[f"vel_{a}_m_s"] for a in "ned"], axis=1)
+    time = (log["time_s"][last] - log["time_s"][first])[:, None]
     n, e, d = ((velocity[last] - velocity[first]) / time - GRAVITY_NED).T
     along = n * cy + e * sy
     across = e * cy - n * sy

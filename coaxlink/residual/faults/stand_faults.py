@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
@@ -19,15 +18,13 @@ from coaxlink.residual.faults.chain import lies, slips
 from coaxlink.residual.faults.stand_repeats import (
     copied_columns,
     repeated_rows,
-    runs_of,
     stuck_cells,
     stuck_context,
     stuck_tachometers,
 )
-from coaxlink.residual.faults.states import RPM, Said
+from coaxlink.residual.faults.states import RPM, Mask, Said, runs_of
 from coaxlink.residual.result import Suspect
 
-Mask = NDArray[np.bool_]
 LEAST_LEFT = 8  # rows
 MOST_FROZEN = 0.5  # of the rows
 RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins

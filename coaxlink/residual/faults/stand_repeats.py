@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.load import Load
 from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
+from coaxlink.residual.faults.states import Mask, runs_of
 
-Mask = NDArray[np.bool_]
 Finding = tuple[str, Mask, str]  # column, rows, why
 # priors: name = value  # unit, source
 BY_CHANCE = 1e-6  # logs in which so long a run is an accident
@@ -31,16 +30,6 @@ LEVELS, OFTEN = 10, 5.0  # readings of a cell with a limit; times the usual coun
 ALIKE = 2.5  # steps of the readings: within them two cells may read the same by chance
 COPIED_ROWS, FITTED_ROWS = 6, 24  # a run of copies; rows that a fit to the others wants
 NO_CONTEXT = {"time_s", "log", *COLUMN_OF.values()}
-
-
-def runs_of(mask: Mask) -> list[tuple[int, int]]:
-    """First rows, and rows behind the last, of the runs of a mask.
-
-    >>> runs_of(np.array([True, True, False, True]))
-    [(0, 2), (3, 4)]
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def stuck_cells(frame: StandFrame) -> Iterator[Finding]:

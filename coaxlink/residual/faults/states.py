@@ -37,6 +37,16 @@ RPM = ("upper_rpm", "lower_rpm")
 AGREED = "throttle and loads agree on what it shows in the other rows"
 
 
+def runs_of(mask: Mask) -> list[tuple[int, int]]:
+    """First rows, and rows behind the last, of the runs of a mask.
+
+    >>> runs_of(np.array([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
 @dataclass(frozen=True)
 class Readings:
     """What of a log the states are about."""
@@ -155,7 +165,7 @@ def named(channel: int, factor: float) -> tuple[str, bool]:
     units = UNITS[("thrust", "torque")[channel % 2]] | {"": 1.0, "half": 0.5, "twice": 2.0}
     near = min(units, key=lambda name: abs(np.log(abs(factor) / units[name])))
     most = GAIN_ERROR if near in ("half", "twice") else UNIT_ERROR
-    known = bool(abs(np.log(abs(factor) / units[near])) < most)
+    known = bool(abs(np.log(abs(factor) / units[near])) < most) and (near != "" or factor < 0.0)
     return near if known else "", known
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.channels.stand import dictionary_of
@@ -28,6 +29,7 @@ SURE = 2.0 * np.log(1e4)  # nats: one log of 100 has a fault, 99 % sure; twice, 
 LOADED, FAIR = 0.25, (0.2, 5.0)  # of the reference: less load tells no ratio; beyond, a tenth of that does
 TURNS = 0.2  # of full speed: a rotor near rest has no load to lose, whatever wake it stands in
 GONE = 0.05  # of the load: what a cell reads whose plug is off
+QUIETEST = 0.25  # of the rows say what noise is: the others may be of another gain
 FIT_ROWS, RICH = 4000, 100  # effort; places that a polynomial of third order wants
 
 
@@ -156,7 +158,7 @@ def yardstick_of(
         draft = replace(draft, level=level)
         due = draft.due(log)
     off = np.abs(np.concatenate([log.loads, log.speeds], axis=1) - due)[few]
-    own = 1.4826 * np.median(off, axis=0)
+    own = np.quantile(off, QUIETEST, axis=0) / float(norm.ppf(0.5 + 0.5 * QUIETEST))
     return replace(draft, reference=size, tolerance=np.clip(own, FINEST * size, TOLERANCE * size))
 
 

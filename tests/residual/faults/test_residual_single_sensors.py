@@ -7,6 +7,8 @@ import pytest
 
 from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
+from coaxlink.residual.channels.stand import stand_frame
+from coaxlink.residual.faults.stand_faults import find_suspects
 
 RPM, ROWS = 5400.0, 400
 
@@ -109,6 +111,17 @@ def test_a_rotor_that_loses_both_loads_for_a_stretch_has_sound_cells() -> None:
     for load in loads.values():
         load[220:275] *= 0.88
     assert flagged(log.with_columns(**loads)) == []
+
+
+@pytest.mark.parametrize("gain", [0.88, 1.6])
+def test_a_cell_of_another_gain_for_a_while_is_flagged(gain: float) -> None:
+    """The rotor's other load goes on, and before and after rows at like speeds read otherwise."""
+    log = visited(8)
+    load = log["lower_torque_Nm"].copy()
+    load[220:300] *= gain
+    found = find_suspects(stand_frame(log.with_columns(lower_torque_Nm=load), None))
+    assert [s.column for s in found.suspects] == ["lower_torque_Nm"]
+    assert np.mean(found.bad == ((np.arange(ROWS) >= 220) & (np.arange(ROWS) < 300))) > 0.95
 
 
 @pytest.mark.slow
