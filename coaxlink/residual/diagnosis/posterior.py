@@ -80,27 +80,29 @@ def posterior(
 ) -> Posterior:
     """Tempered about the set of most mass: found again until it stays the same.
 
+    Each pair is tempered by what is between the two; of sets that beat one another in a circle the one of
+    most evidence leads.
+
     `whole`: of the evidence all counts less, not the likelihood alone: what corrections give way for hangs
     together with what is left over as the fit does.
     """
     sets = sorted(visited, key=lambda h: -h.score)
-    lead = 0
-    for _ in range(4):
-        tempers = np.array([temper(ch, colour, sets[lead], h) for h in sets])
-        data = np.array(
-            [
-                sets[lead].fit.log_evidence - h.fit.log_evidence
-                if whole
-                else likelihood(colour, sets[lead], h)
-                for h in sets
-            ]
-        )
-        other = np.array([sets[lead].score - h.score for h in sets]) - data
-        behind = data * tempers + other
+    led: list[int] = []
+    lead, settled = 0, False
+    while True:
+        best = sets[lead]
+        tempers = np.array([temper(ch, colour, best, h) for h in sets])
+        if whole:
+            data = np.array([best.fit.log_evidence - h.fit.log_evidence for h in sets])
+        else:
+            data = np.array([likelihood(colour, best, h) for h in sets])
+        behind = data * tempers + (np.array([best.score - h.score for h in sets]) - data)
         now = int(np.argmin(behind))
-        if now == lead:
+        if now == lead or settled:
             break
-        lead = now
+        led.append(lead)
+        lead, settled = (min(led[led.index(now) :]), True) if now in led else (now, False)
+    behind = np.maximum(behind, 0.0)
     weight = np.exp(np.clip(behind.min() - behind, -700.0, 0.0))
     odds = np.array([sets[lead].log_prior - h.log_prior for h in sets])
     return Posterior(tuple(sets), weight / weight.sum(), tempers, behind - odds, data * tempers)
