@@ -15,7 +15,7 @@ from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import Decision, Group
-from coaxlink.residual.diagnosis.features import added_by, forms_of
+from coaxlink.residual.diagnosis.features import forms_of
 from coaxlink.residual.diagnosis.hypotheses import WHOLE, Hypothesis, is_whole
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import Posterior
@@ -190,7 +190,7 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
         )
         pieces.setdefault(channel, []).append((float(np.std(added)), variable, text))
     for m in [m for m in shown.members if m.name in said.withheld]:
-        u = unnamed(ch, shown, m, said.withheld[m.name])
+        u = unnamed(ch, found, shown, m, said.withheld[m.name])
         pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
     if not pieces and not said.claimed and not said.groups:
         left = np.std(shown.left, axis=0)
@@ -205,18 +205,20 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
     return sorted(out, key=lambda u: -u.rmse / ch.reference[ch.names.index(u.channel)])
 
 
-def unnamed(ch: Channels, h: Hypothesis, m: Member, probability: float) -> Unexplained:
-    """What a member of a set explains that is not probable enough to be named."""
-    added = added_by(ch, h, m.name)
-    rms = np.sqrt(np.mean(added**2, axis=0))
-    c = int(np.argmax(rms / ch.reference))
+def unnamed(ch: Channels, found: Posterior, h: Hypothesis, m: Member, probability: float) -> Unexplained:
+    """What a member explains that is not probable enough for a name, corrections having given way."""
+    less = [o for o in found.sets if o.names <= h.names - {m.name}]
+    without = max(less, key=lambda o: o.score) if less else found.without({m.name})
+    moved = h.left if without is None else without.left - h.left
+    rms = np.sqrt(np.mean(moved**2, axis=0))
+    mine = [c for c, name in enumerate(ch.names) if name in m.effect.channels]
+    c = max(mine or range(ch.count), key=lambda k: rms[k] / ch.reference[k])
     label, _ = m.effect.cause(ch.bare, m.shape, ch.names[c])
-    size = float(rms[c])
     text = (
-        f"{label}: {100.0 * size / ch.reference[c]:.2g} % of the load, as {m.name} would have it, "
+        f"{label}: {100.0 * rms[c] / ch.reference[c]:.2g} % of the load, as {m.name} would have it, "
         f"probability {probability:.2f}: no name for it"
     )
-    return Unexplained(ch.names[c], (label,), size, text)
+    return Unexplained(ch.names[c], (label,), float(rms[c]), text)
 
 
 def _values(ch: Channels, variable: str) -> Array:

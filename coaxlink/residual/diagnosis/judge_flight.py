@@ -179,7 +179,8 @@ def _unnamed(f: _Flight, said: Decision) -> list[Unexplained]:
         return []
     level = calibration(FLIGHTS)["level"]["open"]
     there = [m for m in f.lead.members if said.withheld.get(m.name, 0.0) >= level]
-    return [unnamed(f.found.channels, f.lead, m, said.withheld[m.name]) for m in there]
+    found = f.found
+    return [unnamed(found.channels, found.posterior, f.lead, m, said.withheld[m.name]) for m in there]
 
 
 def _evidence(f: _Flight, said: Decision) -> Mapping[str, Mapping[str, Any]]:
