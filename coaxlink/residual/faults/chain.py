@@ -246,24 +246,25 @@ def _states(stick: Yardstick, usable: Mask, fine: bool) -> tuple[list[Said], flo
             likely.append(k)
     states, won = [states[k] for k in likely], won[:, likely]
     while states:
-        able = np.arange(len(states))
-        path = viterbi(won[:, able])
-        bad = []
-        found = []
-        for k, n in enumerate(able):
+        path = viterbi(won)
+        bad, found, explained = [], [], 0.0
+        for k, state in enumerate(states):
             mine = np.zeros(len(usable), bool)
             mine[rows[path == k]] = True
-            if mine.any():
-                said = _borne_out(stick, states[n], mine, usable, won[:, n][path == k], due)
-                bad += [n] if said is None else []
-                found += [said] if said is not None else []
-                against -= 0.0 if said is None else float(won[:, n][path == k].sum())
+            if not mine.any():
+                continue
+            gained = won[path == k, k]
+            said = _borne_out(stick, state, mine, usable, gained, due)
+            if said is None:
+                bad.append(k)
+            else:
+                found.append(said)
+                explained += float(gained.sum())
         if not bad:
-            return found, against
-        against = float(np.sum(sound[rows]))
-        keep = [n for n in range(len(states)) if n not in bad]
-        states, won = [states[n] for n in keep], won[:, keep]
-    return [], float(np.sum(sound[rows]))
+            return found, against - explained
+        keep = [k for k in range(len(states)) if k not in bad]
+        states, won = [states[k] for k in keep], won[:, keep]
+    return [], against
 
 
 def viterbi(won: Array) -> NDArray[np.intp]:
