@@ -59,6 +59,9 @@ PARTS = (((0.0, 1.0),), ((0.0, 0.5),), ((0.5, 1.0),), ((0.25, 0.75),), ((0.0, 0.
          ((0.0, 0.34),), ((0.66, 1.0),))  # fmt: skip
 
 
+@np.errstate(
+    over="ignore", invalid="ignore"
+)  # damaged readings, whose powers are beyond numbers, tell nothing
 def lies(frame: StandFrame, usable: Mask) -> list[Said]:
     """Where columns are not what they say, in rows that nothing else is wrong with."""
     if usable.sum() < 8 or not [c for c in frame.present if c < 4]:
@@ -82,6 +85,7 @@ def lies(frame: StandFrame, usable: Mask) -> list[Said]:
     return best.found
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def slips(frame: StandFrame, usable: Mask) -> list[Said]:
     """Where a tachometer or a cell reads by some per cent something else than the others of the log say."""
     sides = [c - 4 for c in frame.present if c > 3 and {2 * c - 8, 2 * c - 7} & set(frame.present)]
