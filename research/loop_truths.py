@@ -162,7 +162,7 @@ def main() -> None:
         assert right == options.demos
         return
     if options.small:
-        options.only, options.speed = ["weak_lower_rotor"], 10.0
+        options.only, options.speed = ["cg_offset"], 10.0
     results: dict[str, Result] = {}
     if options.json and options.json.exists():
         results = json.loads(options.json.read_text())

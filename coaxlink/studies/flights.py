@@ -145,8 +145,9 @@ def _upload(address: str, folder: Path, backups: Path) -> dict[str, Any]:
     # a simulated board is gone with its flight: nothing of it belongs into the user's own journal
     with tempfile.TemporaryDirectory() as scratch, connect(address) as session:
         journal = Journal(session.identity, Path(scratch))
+        # it is this very vehicle: about a centre of mass that was found its rotors stand elsewhere
         outcome = Uploader(session, backup_folder=backups, journal=journal).upload(
-            load_plan(folder), spin_from_table=True
+            load_plan(folder), new_geometry=True, spin_from_table=True
         )
     if outcome.result != "verified":
         raise outcome.error or CheckFailed(f"upload of {folder}: {outcome.result} ({outcome.reason})")
