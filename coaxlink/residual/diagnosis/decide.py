@@ -24,13 +24,14 @@ from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.regression.joint_model import Member, composed
 
 FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --train` writes it
 # (special case, general case): what holds the general one has the special one in it, or is one of both
 IMPLIED = (("rotor_drag", "wind"),)
 SPECIAL = (*IMPLIED, ("mass_change", "battery_voltage"))
 AT_END = 1e-3  # of a number's range
+IDLE = 0.01  # of what a member adds: a number that changes less does nothing
 WAYS = ("raw", "tempered", "own")
 
 
@@ -156,12 +157,28 @@ def flown_numbers(
 
 
 def at_bound(ch: Channels, m: Member) -> bool:
-    """Whether a number of a form, but for when it came, ends where physics ends."""
-    return any(
-        min(m.shape[k] - low, high - m.shape[k]) < AT_END * (high - low)
+    """Whether a number of a form, but for when it came, ends where physics ends; not where a form without it
+    begins, as a bend of nothing is none.
+    """
+    ends = [
+        k
         for k, (low, high) in m.effect.free(ch.bare, m.shape).items()
-        if k not in COMES
-    )
+        if k not in COMES and min(m.shape[k] - low, high - m.shape[k]) < AT_END * (high - low)
+    ]
+    return any(not _is_idle(ch, m, k) for k in ends)
+
+
+def _is_idle(ch: Channels, m: Member, key: str) -> bool:
+    """Whether a member adds the same without one of its numbers."""
+    numbers = m.parameters(ch.bare)
+    rest = {name: value for name, value in numbers.items() if name != key}
+    try:
+        nothing, whole, less = (
+            composed(ch.bare, parts).predicted for parts in ([], [(m.effect, numbers)], [(m.effect, rest)])
+        )
+    except KeyError:  # no form is without it
+        return False
+    return bool(np.std(whole - less) < IDLE * np.std(whole - nothing))
 
 
 def _in_its_place(found: Posterior, lead: Hypothesis, name: str) -> dict[str, float]:

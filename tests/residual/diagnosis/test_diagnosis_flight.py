@@ -56,7 +56,8 @@ def test_one_name_at_two_rotors_is_two_sets():
     assert key_of([third], ()) != key_of([fourth], ())
 
 
-def test_a_number_where_physics_ends_is_no_estimate():
+def test_a_number_where_physics_ends_is_no_estimate(monkeypatch):
+    monkeypatch.setattr("coaxlink.residual.diagnosis.decide._is_idle", lambda *_: False)
     lag = effect("rotor_lag").flight
     frame = SimpleNamespace(airframe=SimpleNamespace(motor_lag_s=0.02))
     low, high = lag.free(frame, {"share": 1.0, "lag_s": 0.1})["lag_s"]
