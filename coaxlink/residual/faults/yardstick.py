@@ -23,6 +23,7 @@ TOLERANCE = 0.03  # of the reference load or speed: what a map of another day or
 FINEST = 0.003  # of the reference: cells of stands are linear to that
 HEAVY = 4.0  # degrees of freedom of Student's t: outliers of a few sigma in a hundred rows, as loggers have
 PHYSICS = (0.6, 1.6)  # times a load or a speed over throttle: no effect of physics changes one by more
+PLAY = 0.1  # of the reference, nor by more than that where little is due: play, stiction, a motor's start
 EFFECT = np.log(10.0)  # nats: an effect as large as that is in one of ten rows
 BEGINS = np.log(50.0)  # nats: what has failed fails anew once in fifty rows
 SURE = 2.0 * np.log(1e4)  # nats: one log of 100 has a fault, 99 % sure; twice, as rows are not independent
@@ -66,8 +67,10 @@ class Yardstick:
         due = self.due(log)
         read = np.concatenate([log.loads, log.speeds], axis=1)
         low, high = np.sort([PHYSICS[0] * due, PHYSICS[1] * due], axis=0)
+        play = PLAY * self.reference
+        low, high = np.minimum(low, due - play), np.maximum(high, due + play)
         possible = (read >= low) & (read <= high)
-        spread = (PHYSICS[1] - PHYSICS[0]) * np.abs(due) / self.tolerance
+        spread = (high - low) / self.tolerance
         effect = EFFECT + np.log(np.maximum(spread / np.sqrt(2.0 * np.pi), 1.0))
         plain = nats_of(self.misses(log, due))
         return np.where(possible, np.minimum(plain, effect), plain), possible
