@@ -364,7 +364,8 @@ def draw(rows: Sequence[Reliability], path: Path) -> None:
     for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
         mine = [r for r in rows if r.what == kind]
         axes.plot([0, 1], [0, 1], color="0.7", linestyle="--", linewidth=1)
-        errors = [[r.so - r.low for r in mine], [r.high - r.so for r in mine]]
+        # where all were so the interval ends there but for rounding
+        errors = [[max(r.so - r.low, 0.0) for r in mine], [max(r.high - r.so, 0.0) for r in mine]]
         axes.errorbar(
             [r.said for r in mine], [r.so for r in mine], errors, color="0.1", marker="o", capsize=3
         )
