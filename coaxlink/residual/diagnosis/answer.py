@@ -155,14 +155,20 @@ def _floor(ch: Channels, best: Hypothesis | None) -> Array:
     return np.asarray(np.std(best.left, axis=0))
 
 
-def _doubt(ch: Channels, found: Posterior, group: Group) -> Ambiguous:
-    """Names of which one is there, and no one knows which."""
+def rivals_of(ch: Channels, found: Posterior, group: Group) -> list[Rival]:
+    """The first two names of a group, each with its numbers where it is there without the others."""
     rivals = []
     for name in group.names[:2]:
         h = found.without({*group.names} - {name})
         m = next((m for m in h.members if m.name == name), None) if h else None
         if m is not None:
             rivals.append(Rival(m.effect, m.parameters(ch.bare)))
+    return rivals
+
+
+def _doubt(ch: Channels, found: Posterior, group: Group) -> Ambiguous:
+    """Names of which one is there, and no one knows which."""
+    rivals = rivals_of(ch, found, group)
     plan = stand_experiment(ch.bare, found.best.fit.noise, rivals) if len(rivals) == 2 else None
     experiment = (
         plan.text

@@ -31,7 +31,7 @@ FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --tr
 IMPLIED = (("rotor_drag", "wind"),)
 SPECIAL = (*IMPLIED, ("mass_change", "battery_voltage"))
 AT_END = 1e-3  # of a number's range
-IDLE = 0.01  # of what a member adds: a number that changes less does nothing
+IDLE = 0.01  # of what a member adds, judgement: a number that changes less does nothing
 WAYS = ("raw", "tempered", "own")
 
 

@@ -30,7 +30,8 @@ SHORT_ROWS = 15_000  # of a frame: of a longer one only what is promising is fit
 SETTLES = 20  # rounds of a noise level (effort)
 ROUNDS, STARTS = 3, 4  # effort, judgement: of the noise, and sets that the next one begins with
 LESS = 2.0  # times: noise that hangs together so much less long is another (judgement)
-LEAST_INDEPENDENT = 3.0  # rows a column of what all candidates leave, each row as what hangs together with it
+# rows a column of what all candidates leave, each as many as hang together (judgement: fewer fit the noise)
+LEAST_INDEPENDENT = 3.0
 ROUNDED = 1e-12  # of the most power: less is rounding
 STRETCHES = 6  # of a flight: what begins in it is told from noise to a sixth (judgement)
 EDGE_BLOCKS = 3  # on either side of a beginning
@@ -88,6 +89,8 @@ def left_by_all(ch: Channels, beside: Hypothesis) -> Array:
         mine = [c.white, *(c.white * (part == k)[:, None, None] for k in late)]
         pieces += mine
         deviations += [c.deviation] * len(mine)
+    if not pieces:  # this flight can show nothing
+        return autocorrelation_time(beside.left, ch.block)
     columns = np.concatenate(pieces, axis=-1) * np.concatenate(deviations)
     most = len(ch.target) / (LEAST_INDEPENDENT * autocorrelation_time(beside.left, ch.block))
     few, deviation = principal(columns, most.astype(int))

@@ -21,7 +21,15 @@ from coaxlink.residual.channels.flight_problem import (
     nuisance_columns,
 )
 from coaxlink.residual.channels.velocity_noise import felt_noise
-from coaxlink.residual.diagnosis.answer import held_whole, refused, rejected, trace_of, unnamed, worth
+from coaxlink.residual.diagnosis.answer import (
+    held_whole,
+    refused,
+    rejected,
+    rivals_of,
+    trace_of,
+    unnamed,
+    worth,
+)
 from coaxlink.residual.diagnosis.decide import (
     FLIGHTS,
     NOTHING,
@@ -36,7 +44,6 @@ from coaxlink.residual.diagnosis.hypotheses import Hypothesis, is_whole
 from coaxlink.residual.diagnosis.mass_or_thrust import doubt, scales
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
-from coaxlink.residual.experiments.stand_run import Rival
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, nuisance_of, settled_nuisance
@@ -225,12 +232,7 @@ def _of_lift(
 def _doubt(f: _Flight, group: Group) -> Ambiguous:
     """Names of which one is there, and the flight that would tell."""
     assert f.found is not None
-    rivals = []
-    for name in group.names[:2]:
-        h = f.found.posterior.without({*group.names} - {name})
-        m = next((m for m in h.members if m.name == name), None) if h else None
-        if m is not None:
-            rivals.append(Rival(m.effect, m.parameters(f.bare)))
+    rivals = rivals_of(f.found.channels, f.found.posterior, group)
     plan = flight_experiment(f.bare, f.problem.sigma, rivals) if len(rivals) == 2 else None
     text = plan.text if plan else "no flight within reach tells them apart: measure what each needs"
     rest = (group.probability - group.first) / max(len(group.names) - 1, 1)

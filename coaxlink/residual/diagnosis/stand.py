@@ -49,7 +49,7 @@ BOTH_SPEEDS = "upper_speed & lower_speed"
 # s, of what remembers the power of the rows before: a room's air set turning (10 to 60 s), windings (20 to
 # 180 s), cases, packs and cells (minutes). Half a decade apart (judgement): a form bends by what lies between
 MEMORIES_S = (15.0, 50.0, 150.0, 500.0)
-SPANS = 3.0  # memories in a log, at the least: of a longer one there is a trend alone, as the weather's
+SPANS = 3.0  # memories in a log, at the least (judgement): a longer one is a trend alone, as the weather's
 NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
 # of the reference load: the most that a sound cell's zero wanders (OIML R 60, class C3: 0.02 % and creep)
 WITHIN_SPECIFICATION = 0.0007

@@ -59,9 +59,8 @@ PARTS = (((0.0, 1.0),), ((0.0, 0.5),), ((0.5, 1.0),), ((0.25, 0.75),), ((0.0, 0.
          ((0.0, 0.34),), ((0.66, 1.0),))  # fmt: skip
 
 
-@np.errstate(
-    over="ignore", invalid="ignore"
-)  # damaged readings, whose powers are beyond numbers, tell nothing
+# damaged readings, whose powers are beyond numbers, tell nothing
+@np.errstate(over="ignore", invalid="ignore")
 def lies(frame: StandFrame, usable: Mask) -> list[Said]:
     """Where columns are not what they say, in rows that nothing else is wrong with."""
     if usable.sum() < 8 or not [c for c in frame.present if c < 4]:

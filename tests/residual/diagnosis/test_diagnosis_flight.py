@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from coaxlink.effects import effect
+from coaxlink.residual.diagnosis import posterior as posteriors
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import (
     FLIGHTS,
@@ -71,3 +72,48 @@ def test_a_flights_name_is_judged_by_the_terms_that_were_trained_and_more_nats_r
     assert set(flown_terms(1.0)) == set(calibration(FLIGHTS)["flight"]["weights"])
     said = [probability("flight", flown_terms(nats)) for nats in (2.0, flown_nats(), 400.0)]
     assert said == sorted(said) and said[0] < level and said[1] == pytest.approx(level)
+
+
+def test_a_bend_of_nothing_is_no_end_of_physics():
+    wave = np.sin(np.arange(50.0))
+    bare = SimpleNamespace(predicted=np.zeros(50))
+
+    def acting(frame, p):
+        return SimpleNamespace(
+            predicted=frame.predicted + p["size"] * wave / (1.0 + p["bend"] * np.abs(wave))
+        )
+
+    def plain(frame, p):
+        return acting(frame, {"bend": 0.0, **p})
+
+    def of(effect, bend):
+        numbers = {"size": 2.0, "bend": bend}
+        free = lambda *_: {"bend": (0.0, 1.0)}  # noqa: E731
+        drawn = SimpleNamespace(name="x", stage=0, acting=effect, free=free)
+        return SimpleNamespace(name="x", effect=drawn, shape={"bend": bend}, parameters=lambda _: numbers)
+
+    ch = SimpleNamespace(bare=bare)
+    assert not at_bound(ch, of(plain, 0.0))  # the form without it
+    assert at_bound(ch, of(plain, 1.0))  # it does something there
+    assert at_bound(ch, of(acting, 0.0))  # no form is without it
+
+
+def test_of_sets_that_beat_one_another_in_a_circle_the_one_of_most_evidence_leads(monkeypatch):
+    def of(name, score):
+        fit = SimpleNamespace(log_evidence=score)
+        return SimpleNamespace(names=frozenset(name), score=score, fit=fit, log_prior=0.0)
+
+    sets = {"a": of("a", 30.0), "b": of("b", 20.0), "c": of("c", 10.0)}
+    # nats of the first over the second, as their own pair is tempered: a over b over c over a
+    ahead = {("a", "b"): 1.0, ("b", "c"): 1.0, ("c", "a"): 1.0}
+
+    def temper(ch, colour, best, rival):
+        one, two = (next(iter(h.names)) for h in (best, rival))
+        if one == two:
+            return 1.0
+        nats = ahead.get((one, two), -ahead.get((two, one), 0.0))
+        return nats / (best.score - rival.score)
+
+    monkeypatch.setattr(posteriors, "temper", temper)
+    found = posteriors.posterior(None, None, list(sets.values()), whole=True)
+    assert found.best is sets["a"]
