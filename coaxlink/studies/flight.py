@@ -36,13 +36,18 @@ def silent(*_: object) -> None:
 
 @dataclass
 class PowerMeter:
-    """What the vehicle says that its battery gives while a plan is flown."""
+    """What the vehicle says that its battery gives from the first set-point of a plan on.
+
+    What it spends while it hovers and waits to be let into the mode (seconds of ours are minutes of a
+    fast simulator's) is no part of the plan.
+    """
 
     watts: list[float] = field(default_factory=list)
+    begun: bool = False
 
     def hear(self, message: Any) -> None:
         """Session subscriber; a current that is not measured (-1) is none."""
-        if message.get_type() == "BATTERY_STATUS" and message.current_battery >= 0:
+        if self.begun and message.get_type() == "BATTERY_STATUS" and message.current_battery >= 0:
             volts = sum(v for v in message.voltages if 0 < v < 65535) / 1e3
             self.watts.append(volts * message.current_battery / 100.0)
 
@@ -82,6 +87,11 @@ def fly(
 
     def once() -> RecordedFlight:
         meter = PowerMeter()
+
+        def seen(segment: str, t: float) -> None:
+            meter.begun = True
+            watch(f"{name}: {segment}", t)
+
         with connect(address, record=log) as session:
             for message_id, rate_hz in STREAMS.items():
                 session.request_stream(message_id, rate_hz)
@@ -93,7 +103,7 @@ def fly(
             try:
                 with mixing(session):
                     forget = session.subscribe(meter.hear)
-                    track = vehicle.follow(plan, lambda segment, t: watch(f"{name}: {segment}", t))
+                    track = vehicle.follow(plan, seen)
                     forget()
             except PlanAbandoned:
                 vehicle.land()

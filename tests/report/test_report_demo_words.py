@@ -71,8 +71,17 @@ def test_a_story_without_an_effect_claims_none():
     assert "found" not in said and "falls" not in said and "nothing to explain" in said
 
 
+def test_what_a_vehicle_spends_before_the_plan_begins_is_no_part_of_its_power():
+    pack, battery = PowerMeter(), {"get_type": lambda: "BATTERY_STATUS", "voltages": [4000]}
+    pack.hear(SimpleNamespace(**battery, current_battery=9000))  # hovering, not yet let into the mode
+    assert pack.mean() is None
+    pack.begun = True
+    pack.hear(SimpleNamespace(**battery, current_battery=1000))
+    assert pack.mean() == pytest.approx(40.0)
+
+
 def test_a_battery_that_tells_no_current_has_no_power():
-    pack = PowerMeter()
+    pack = PowerMeter(begun=True)
     battery = {"get_type": lambda: "BATTERY_STATUS", "voltages": [4000, 4000, 65535, 0]}
     pack.hear(SimpleNamespace(**battery, current_battery=-1))
     assert pack.mean() is None
