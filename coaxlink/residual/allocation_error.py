@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from coaxlink.data import Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame, reduce_columns
-from coaxlink.residual.regression.problem import contiguous_blocks
+from coaxlink.residual.held_out import contiguous_blocks
 from coaxlink.signals import difference_gain, noise_floor
 from coaxlink.vehicle import Vehicle
 

@@ -7,7 +7,7 @@ to the log itself, all their terms free beside every candidate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.load import Load
-from coaxlink.residual.regression.blocks import folds_of
+from coaxlink.residual.held_out import folds_of
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
@@ -349,3 +349,20 @@ def _blocks(u: Array, time: Array) -> np.ndarray:
     if sweep[-1] + 1 > 40:
         sweep = sweep * 24 // (sweep[-1] + 1)
     return np.asarray(sweep, np.intp)
+
+
+def reducing(frame: StandFrame) -> Callable[[Array], Array]:
+    """From (frame rows, 6) to (judged rows, C)."""
+    keep, present = frame.keep, list(frame.present)
+    return lambda columns: np.asarray(columns[keep][:, present])
+
+
+def stand_variables(frame: StandFrame) -> dict[str, Array]:
+    """(kept,) recorded variables that a residual may still depend on."""
+    out = {"time_s": frame.time_s, "upper_speed": frame.speeds[:, 0], "lower_speed": frame.speeds[:, 1]}
+    out |= {
+        name: values
+        for name, values in frame.columns.items()
+        if not name.endswith(("_rpm", "_throttle", "_thrust_N", "_torque_Nm")) and name != "time_s"
+    }
+    return {name: values[frame.keep] for name, values in out.items() if np.all(np.isfinite(values))}

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from coaxlink.frames import GRAVITY_NED, Array, FlightFrame
-from coaxlink.residual.regression.joint_model import Part, composed
+from coaxlink.residual.members import Part, composed
 
 SLOWEST_HZ = 0.15
 STEP_M_S = 0.05

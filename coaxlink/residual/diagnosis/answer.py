@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.effects import flight_effects, stand_effects
-from coaxlink.effects.tracing import Tracing
 from coaxlink.frames import Array
-from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import Decision, Group
 from coaxlink.residual.diagnosis.features import forms_of
-from coaxlink.residual.diagnosis.hypotheses import WHOLE, Hypothesis, is_whole
-from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 from coaxlink.residual.diagnosis.posterior import Posterior
-from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
-from coaxlink.residual.regression.joint_model import Fitter, Joint, Member, straight
-from coaxlink.residual.regression.problem import Problem, build
+from coaxlink.residual.diagnosis.report import Fitted, Judged, fitted_about, reported
+from coaxlink.residual.experiments.stand_run import Experiment, Rival, stand_experiment
+from coaxlink.residual.members import Member
 from coaxlink.residual.result import (
     Ambiguous,
-    FoundEffect,
     Refinement,
     Rejected,
     SmoothSurface,
@@ -34,6 +29,8 @@ from coaxlink.residual.result import (
 )
 from coaxlink.signals import noise_floor
 
+Planned = Callable[[Any, Array, Sequence[Rival]], Experiment | None]
+NO_RUN = "no run inside what this log has seen tells them apart: record more of what each needs"
 SHOWN = 12  # sets in the trace
 # of the reference load, judgement: a row's noise of a good stand. A smooth part of the map this large is told
 SMOOTH_SAID = 0.003
@@ -46,106 +43,57 @@ def answered(
     suspects: Sequence[Suspect],
     notes: Sequence[str],
     logs: Sequence[Samples],
-    held: Collection[str] = (),
 ) -> Refinement:
-    """The answer to these logs; `found` is None where nothing may be claimed.
-
-    Of effects that are `held` the shape stays as the evidence has it: in the last, linear fit it has no prior
-    and moves to where physics ends.
-    """
-    sure, leading = {*said.claimed}, {*said.claimed, *(g.names[0] for g in said.groups)}
+    """The answer to these stand logs; `found` is None where nothing may be claimed."""
+    leading = {*said.claimed, *(g.names[0] for g in said.groups)}
     best = _borne_out(found, leading) if found else None
-    doubts = tuple(_doubt(ch, found, g) for g in said.groups) if found else ()
-    problem = _problem(ch, best)
-    members = tuple(m for m in best.members if m.name in leading) if best else ()
-    fixed = [k for k in ch.known if k[0].name not in {m.name for m in members}]
-    members = tuple(replace(m, whole=is_whole(m), keys=() if m.name in held else m.keys) for m in members)
-    fitter = Fitter(problem, ch.bare, fixed, ch.reduce)
-    joint = held_whole(fitter.linear(members)) if members else straight(problem)
-    judged = Judged(
-        problem,
-        frozenset(sure),
-        joint,
+    members = [m for m in best.members if m.name in leading] if best else []
+    fitted = fitted_about(ch, members, best)
+    out = concluded(
+        fitted,
+        found,
+        said,
         _floor(ch, best),
-        {"time_s": ch.frame.time_s[ch.frame.keep], **ch.variables},  # it may stand still in a damaged log
-        ch.known,
+        (suspects, [n for n in notes if n not in ch.frame.notes]),
+        [doubt_of(ch, found, g, stand_experiment, NO_RUN) for g in said.groups] if found else [],
+        _unexplained(ch, found, said) if found else [],
+        logs,
+    )
+    return replace(out, surface=_smooth(ch, best))
+
+
+def concluded(
+    fitted: Fitted,
+    found: Posterior | None,
+    said: Decision,
+    floor: Array,
+    beside: tuple[Sequence[Suspect], Sequence[str]],
+    doubts: Sequence[Ambiguous],
+    open_ends: Sequence[Unexplained],
+    logs: Sequence[Samples],
+) -> Refinement:
+    """The answer about members that are said; `beside` are what is suspect, and notes."""
+    suspects, notes = beside
+    claims = {
+        n: {"probability": round(p, 4), "nats": worth(found, n)} for n, p in said.claimed.items() if found
+    }
+    judged = Judged(
+        fitted,
+        claims,
+        floor,
         tuple(suspects),
-        tuple(n for n in notes if n not in ch.frame.notes),
-        found is not None,
-        doubts,
-        open_ends=tuple(_unexplained(ch, found, said)) if found else (),
-        impossible=ch.impossible,
+        tuple(notes),
+        tuple(doubts),
+        tuple(open_ends),
+        tuple(rejected(found, said)) if found else (),
+        trace_of(found) if found else (),
     )
-    out = answer(judged, logs)
-    if found is None:
-        return out
-    effects = tuple(
-        replace(
-            e,
-            evidence={
-                **e.evidence,
-                "probability": round(said.claimed[e.name], 4),
-                "nats": worth(found, e.name),
-            },
-        )
-        for e in out.effects
-    )
-    others = (*out.rejected, *rejected(found, said))
-    surface = _smooth(ch, best)
-    return replace(
-        out, effects=effects, rejected=others, trace=trace_of(found), surface=surface, weighed=said.weighed
-    )
-
-
-def held_whole(joint: Joint) -> Joint:
-    """The linear problem with the prior of what is there as a whole, as the evidence has it."""
-    bounds = joint.problem.blocks.bounds.copy()
-    for option, m in zip(joint.problem.options, joint.members, strict=True):
-        if m.whole:
-            bounds[option.columns[0]] = -2.0 * WHOLE
-    return replace(joint, problem=replace(joint.problem, blocks=replace(joint.problem.blocks, bounds=bounds)))
-
-
-def refused(effect: FoundEffect) -> bool:
-    """Whether physics does not allow the numbers that all rows gave an effect."""
-    numbers = {p.name: p.value for p in effect.parameters}
-    every: tuple[Tracing[Any], ...] = (*stand_effects(), *flight_effects())
-    return any(e.refuse(numbers) is not None for e in every if e.name == effect.name)
+    return replace(reported(judged, logs), weighed=said.weighed)
 
 
 def _borne_out(found: Posterior, names: set[str]) -> Hypothesis:
     """The best set of just these effects; the leading one where none was visited."""
     return max((h for h in found.sets if h.effects == names), key=lambda h: h.score, default=found.best)
-
-
-def _problem(ch: Channels, best: Hypothesis | None) -> Problem:
-    """Base, map and the free forms of the best set as corrections drawn from their priors."""
-    blocks: list[Block] = [*ch.nuisance, *ch.surface]
-    blocks += [ch.forms[f]() for f in (best.forms if best else ())]
-    corrections = []
-    for block in blocks:
-        for k in range(block.width):
-            name = block.name if block.width == 1 else f"{block.name} {k}"
-            corrections.append((name, -2.0 * float(block.deviation[k]), block.columns[..., k]))
-    sigma = (
-        best.fit.noise
-        if best
-        else np.maximum(
-            noise_floor(ch.target, ch.block.astype(float), np.full(ch.count, 6.0)), ch.least_noise
-        )
-    )
-    return build(
-        frame=ch.bare if not ch.known else ch.frame,
-        channels=ch.names,
-        units=ch.units,
-        reference=ch.reference,
-        residual=ch.target,
-        sigma=np.maximum(sigma, ch.least_noise),
-        corrections=corrections,
-        effects=(),
-        reduce=ch.reduce,
-        block=ch.block,
-    )
 
 
 def _floor(ch: Channels, best: Hypothesis | None) -> Array:
@@ -166,18 +114,14 @@ def rivals_of(ch: Channels, found: Posterior, group: Group) -> list[Rival]:
     return rivals
 
 
-def _doubt(ch: Channels, found: Posterior, group: Group) -> Ambiguous:
-    """Names of which one is there, and no one knows which."""
+def doubt_of(ch: Channels, found: Posterior, group: Group, planned: Planned, none: str) -> Ambiguous:
+    """Names of which one is there, and no one knows which; what would tell is planned, or `none` said."""
     rivals = rivals_of(ch, found, group)
-    plan = stand_experiment(ch.bare, found.best.fit.noise, rivals) if len(rivals) == 2 else None
-    experiment = (
-        plan.text
-        if plan
-        else "no run inside what this log has seen tells them apart: record more of what each needs"
-    )
+    plan = planned(ch.bare, found.best.fit.noise, rivals) if len(rivals) == 2 else None
     held = np.array([max(found.of(name), 1e-9) for name in group.names[1:]])
     others = (group.probability - group.first) * held / np.sum(held)
-    return Ambiguous(group.names, experiment, plan, tuple(round(float(p), 4) for p in (group.first, *others)))
+    said = tuple(round(float(p), 4) for p in (group.first, *others))
+    return Ambiguous(group.names, plan.text if plan else none, plan, said)
 
 
 def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexplained]:
@@ -187,14 +131,7 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
     if not said.is_open:
         return []
     shown = max((h for h in found.sets if h.effects == found.best.effects), key=lambda h: h.score)
-    pieces: dict[str, list[tuple[float, str, str]]] = {}
-    for (form, channel), added in forms_of(ch, shown).items():
-        variable, _, length, _ = form.split("|")
-        where = float(_values(ch, variable)[int(np.argmax(np.abs(added)))])
-        text = (
-            f"{variable.split(' & ')[0]}: most at {where:.3g}, bends within {float(length):.2g} of its range"
-        )
-        pieces.setdefault(channel, []).append((float(np.std(added)), variable, text))
+    pieces = pieces_of(ch, shown)
     for m in [m for m in shown.members if m.name in said.withheld]:
         u = unnamed(ch, found, shown, m, said.withheld[m.name])
         pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
@@ -203,6 +140,27 @@ def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexpla
         c = int(np.argmax(left / ch.reference))
         why = f"probability {said.opened:.2f} that something is there; it follows nothing that was recorded"
         pieces[ch.names[c]] = [(float(left[c]), "time_s", why)]
+    return told(ch, pieces)
+
+
+Pieces = dict[str, list[tuple[float, str, str]]]  # by channel: size, variables, words
+
+
+def pieces_of(ch: Channels, shown: Hypothesis) -> Pieces:
+    """Of every free form of a set, by channel."""
+    pieces: Pieces = {}
+    for (form, channel), added in forms_of(ch, shown).items():
+        variable, _, length, _ = form.split("|")
+        where = float(_values(ch, variable)[int(np.argmax(np.abs(added)))])
+        text = (
+            f"{variable.split(' & ')[0]}: most at {where:.3g}, bends within {float(length):.2g} of its range"
+        )
+        pieces.setdefault(channel, []).append((float(np.std(added)), variable, text))
+    return pieces
+
+
+def told(ch: Channels, pieces: Pieces) -> list[Unexplained]:
+    """Of every channel the largest, the largest over its load first."""
     out = []
     for channel, parts in pieces.items():
         parts.sort(reverse=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.diagnosis.parts import Block
-from coaxlink.residual.regression.joint_model import Part
+from coaxlink.residual.members import Part
 
 # what an effect adds to a load, before any data: one standard deviation over the reference load
 EFFECT_SIZE = 0.1

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from itertools import product
@@ -24,7 +24,7 @@ from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
-from coaxlink.residual.regression.joint_model import Member, composed
+from coaxlink.residual.members import Member, composed
 
 FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --train` writes it
 # (special case, general case): what holds the general one has the special one in it, or is one of both
@@ -58,12 +58,6 @@ class Decision:
     def is_open(self) -> bool:
         """Whether it is said that something is there beyond what is claimed."""
         return self.opened >= calibration()["level"]["open"]
-
-    def without(self, names: Collection[str]) -> Decision:
-        """The decision with these names withheld: their cause stays open."""
-        claimed = {n: p for n, p in self.claimed.items() if n not in names}
-        withheld = {**self.withheld, **{n: p for n, p in self.claimed.items() if n in names}}
-        return replace(self, claimed=claimed, withheld=withheld, opened=max(self.opened, *withheld.values()))
 
     @property
     def grouped(self) -> frozenset[str]:

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.parts import Block, products, waves
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.members import Member
 
 SHARES = (0.2, 0.03)  # of the effect, one standard deviation; each as likely
 OVER_CAUSE, OVER_SPEED = 0.3, 0.6  # correlation lengths, in ranges

@@ -21,7 +21,7 @@ from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior, density_by_block
-from coaxlink.residual.regression.joint_model import composed
+from coaxlink.residual.members import composed
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
 MOST = 3000.0  # nats: where no set of a kind was worth a visit

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from coaxlink.frames import Array, FlightFrame
+from coaxlink.effects import flight_effects
+from coaxlink.effects.tracing import Tracing
+from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
-from coaxlink.residual.channels.flight_problem import flight_variables
-from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.channels.flight_floor import flight_variables, runs_of
+from coaxlink.residual.diagnosis.channels import Channels, possible
 from coaxlink.residual.diagnosis.decide import flown_nats
 from coaxlink.residual.diagnosis.flight_search import FlightSearch, Flown
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.shown import would_show as smallest
-from coaxlink.residual.regression.joint_model import Part
-from coaxlink.residual.regression.problem import Problem
+from coaxlink.residual.held_out import contiguous_blocks
+from coaxlink.residual.members import composed, known_parts
+from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 from coaxlink.residual.result import HIDDEN, WouldShow
 
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
@@ -27,46 +32,54 @@ LONG_ROWS = 60_000  # of a frame: beyond, fewer sets are fitted anew (seconds)
 MANY_ROWS = 5_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
-def flight_channels(bare: FlightFrame, known: Sequence[Part], p: Problem) -> Channels:
-    """Channels of aligned flights, `bare` without what the model knows of already, and their regression.
+def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
+    """Channels of aligned flights, `bare` without the effects that their model carries already.
 
     A correction's prior deviation is half its bound: the bound is two of them.
     """
-    some = p.block % (-(-len(p.residual) // MANY_ROWS)) == 0
-    bare, frame = (replace(f, keep=f.keep[some]) for f in (bare, p.frame))
+    known, notes = known_parts(bare, flight_effects(), "flight", partial(_unlogged, bare))
+    frame = composed(bare, known)
+    block = contiguous_blocks(frame.time_s[frame.keep], runs_of(frame), least_s=2.0, count=40)
+    some = block % (-(-len(block) // most)) == 0
+    bare, frame = (replace(f, keep=f.keep[some]) for f in (bare, frame))
 
     def reduce(columns: Array) -> Array:
         return reduce_columns(frame, columns)
 
-    def columns(use: np.ndarray) -> Array:
-        return np.asarray(p.design[:, :, use][some] * p.sigma[:, None], float)
-
-    target = p.residual[some] * p.sigma
-    bounds = np.abs(p.blocks.bounds[p.nuisance])
-    nuisance = zip(p.nuisance_names, p.nuisance, bounds, strict=True)
+    able, unable = possible(frame, flight_effects())
+    target = reduce(frame.measured - frame.predicted)
+    corrections = (
+        Block(c.name, reduce(c.columns)[..., None], np.array([0.5 * c.bound]))
+        for c in flight_corrections(frame)
+    )
     return Channels(
         frame=frame,
         bare=bare,
         known=tuple(known),
-        names=p.channels,
-        units=p.units,
-        reference=p.reference,
+        names=FLIGHT_CHANNELS,
+        units=FLIGHT_UNITS,
+        reference=frame.reference,
         target=target,
-        block=np.unique(p.block[some], return_inverse=True)[1],
-        least_noise=np.maximum(RESOLUTION * p.reference, frame.rounding),
+        block=np.unique(block[some], return_inverse=True)[1],
+        least_noise=np.maximum(RESOLUTION * frame.reference, frame.rounding),
         variables={n: v for n, v in flight_variables(frame).items() if np.ptp(v) > 0.0},
-        speeds={c: (frame.speeds[frame.keep].mean(axis=1),) for c in range(len(p.channels))},
-        weights=np.broadcast_to(p.reference, target.shape),
-        nuisance=(
-            *(Block(n, columns(np.array([i])), np.array([0.5 * b])) for n, i, b in nuisance),
-            *_scatter(frame, reduce),
-        ),
+        speeds={c: (frame.speeds[frame.keep].mean(axis=1),) for c in range(len(FLIGHT_CHANNELS))},
+        weights=np.broadcast_to(frame.reference, target.shape),
+        nuisance=(*corrections, *_scatter(frame, reduce)),
         surface=(),
         forms={},
-        effects=(),
+        effects=tuple(able),
         reduce=reduce,
-        grid=[(o.effect, o.shape, columns(o.columns)) for o in p.options if "onset_s" not in o.shape],
+        notes=tuple(notes),
+        impossible=tuple(unable),
     )
+
+
+def _unlogged(frame: FlightFrame, effect: Tracing[Any]) -> str | None:
+    """What an effect of the model needs and the log lacks; whether it varies enough does not matter here."""
+    logged = {"voltage_V": frame.voltage, "height_m": frame.height}
+    absent = [name for name, values in logged.items() if name in effect.needs and values is None]
+    return f"it needs {absent[0]}, which the log lacks" if absent else None
 
 
 def _scatter(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Iterator[Block]:

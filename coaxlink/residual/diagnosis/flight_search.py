@@ -20,11 +20,10 @@ from coaxlink.effects.tracing import Array, Tracing
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.evidence import by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
-from coaxlink.residual.diagnosis.noise import tempered, white
+from coaxlink.residual.diagnosis.noise import autocorrelation_time, tempered, white
 from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import TRIED, Candidate, Search, candidates
-from coaxlink.residual.regression.autocorrelation import autocorrelation_time
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.members import Member
 
 SHORT_ROWS = 15_000  # of a frame: of a longer one only what is promising is fitted (seconds)
 SETTLES = 20  # rounds of a noise level (effort)

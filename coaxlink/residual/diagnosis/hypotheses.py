@@ -16,7 +16,7 @@ from coaxlink.residual.diagnosis.discrepancy import SHARES, discrepancy
 from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.noise import Colour, colour_of
 from coaxlink.residual.diagnosis.parts import Block, joined
-from coaxlink.residual.regression.joint_model import Member, composed, member
+from coaxlink.residual.members import Member, composed, member
 
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it (judgement)
 # of the Gauss-Newton steps, judgement: effort, no part of any answer that is at its best
@@ -166,7 +166,7 @@ class Scorer:
         Their forms may miss `share` of themselves. `near` are slopes taken near these numbers, to be used
         instead of those at them.
         """
-        ch, frame = self.channels, self.channels.bare
+        ch = self.channels
         slopes = self.slopes(members) if near is None else near
         added = slopes.added if near is None else ch.reduce(self.predict(members) - self._nothing)
         blocks: list[tuple[Array, Array, Array]] = []
@@ -179,7 +179,7 @@ class Scorer:
             columns = slopes.columns[..., at : at + len(point)]
             white = slopes.white[..., at : at + len(point)]
             at += len(point)
-            mean, deviation = _prior(ch, frame, m, columns)
+            mean, deviation = prior_of(ch, m, columns)
             target = target + columns @ (point - mean)
             blocks.append((columns, white, deviation))
             origin += list(mean)
@@ -290,7 +290,7 @@ def is_whole(m: Member) -> bool:
     return bool(shares) and len(m.coefficients) == 1
 
 
-def _prior(ch: Channels, frame: Any, m: Member, columns: Array) -> tuple[Array, Array]:
+def prior_of(ch: Channels, m: Member, columns: Array) -> tuple[Array, Array]:
     """(K,) means and deviations of a member's numbers: coefficients by size, shapes by their limits."""
     count = len(m.coefficients)
     mean = np.zeros(len(m.point))
@@ -300,7 +300,7 @@ def _prior(ch: Channels, frame: Any, m: Member, columns: Array) -> tuple[Array, 
     known = {p.name: p for p in whole.parameters} if whole else {}
     if is_whole(m):
         mean[0], deviation[0] = 1.0, WHOLE  # all of the drive is late, or rests
-    limits = m.effect.free(frame, m.shape)
+    limits = m.effect.free(ch.bare, m.shape)
     for i, key in enumerate(m.keys, start=count):
         low, high = limits[key]
         prior = known[key].prior if key in known else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
-from coaxlink.residual.diagnosis.answer import answered, refused
+from coaxlink.residual.diagnosis.answer import answered
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided
 from coaxlink.residual.diagnosis.faults import weighed_faults
@@ -141,13 +141,6 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
         every = every.with_map(found.channels.map)
     said = decided(found.channels, found.posterior) if found else NOTHING
     out = answered(every, found.posterior if found else None, said, suspects, notes, several)
-    beyond = {e.name for e in out.effects if refused(e)}
-    if beyond and found:
-        out = answered(every, found.posterior, said, suspects, notes, several, held=beyond)
-        still = {e.name for e in out.effects if refused(e)}
-        if still:
-            said = said.without(still)
-            out = answered(every, found.posterior, said, suspects, notes, several, held=beyond - still)
     if found is None:
         return out
     named = {*said.claimed} | said.grouped

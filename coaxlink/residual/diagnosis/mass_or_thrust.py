@@ -16,8 +16,8 @@ import numpy as np
 
 from coaxlink.effects.tracing import Array
 from coaxlink.frames import FlightFrame
+from coaxlink.residual.held_out import Index
 from coaxlink.residual.nuisance.flight_corrections import lift_share
-from coaxlink.residual.regression.problem import Index
 from coaxlink.residual.result import Ambiguous
 from coaxlink.signals import derivative
 

@@ -16,7 +16,7 @@ from coaxlink.residual.diagnosis.flight import LONG_ROWS
 from coaxlink.residual.diagnosis.hypotheses import ROTOR, Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.members import Member
 
 # a blade that lifts less, a motor that turns slower: where the fit begins
 WAYS = ({"thrust_loss": 0.1, "torque_loss": 0.1}, {"speed_loss": 0.05})

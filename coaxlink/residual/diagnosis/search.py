@@ -14,7 +14,7 @@ from coaxlink.residual.diagnosis.causes import own_cause
 from coaxlink.residual.diagnosis.channels import LOADS
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, key_of
 from coaxlink.residual.diagnosis.screening import Stack
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.members import Member
 
 # effort of the search, judgement: seconds a log
 BEAM = 2

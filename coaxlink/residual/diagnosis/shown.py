@@ -16,7 +16,7 @@ from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.hypotheses import begun
 from coaxlink.residual.diagnosis.posterior import RIVAL
 from coaxlink.residual.diagnosis.search import Candidate, Search
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.members import Member
 
 
 @dataclass(frozen=True)

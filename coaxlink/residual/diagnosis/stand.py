@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +14,20 @@ from coaxlink.effects import stand_effects
 from coaxlink.effects.blade_speed_law import EFFECT as BLADE_SPEED_LAW
 from coaxlink.effects.blade_speed_law import SLOWEST_POWER, growth
 from coaxlink.effects.drive import remembered
+from coaxlink.effects.tracing import Tracing
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
-from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
-from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
+from coaxlink.residual.channels.stand import (
+    ANY,
+    Orders,
+    base_corrections,
+    reducing,
+    stand_frame,
+    stand_variables,
+)
 from coaxlink.residual.diagnosis.channels import LOADS, Channels, possible
 from coaxlink.residual.diagnosis.meters import calmed
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, joined, products, waves
-from coaxlink.residual.regression.joint_model import composed
+from coaxlink.residual.members import composed, known_parts
 from coaxlink.residual.result import POWER_OF
 from coaxlink.rotor import RotorModel
 
@@ -60,7 +68,7 @@ def stand_channels(
 ) -> Channels:
     """Channels of a stand log. Raises InputError as `stand_frame` does."""
     bare = calmed(stand_frame(samples, model, ORDERS if model is None else ANY, trusted))
-    known, notes = known_parts(bare)
+    known, notes = known_parts(bare, stand_effects(), "stand", partial(_unvaried, bare))
     if len(bare.keep) > most:  # stretches whole: noise has neighbours, and what lags sees every row
         share = -(-len(bare.keep) // most)
         bare = replace(bare, keep=bare.keep[(bare.keep // STRETCH) % share == 0])
@@ -104,6 +112,11 @@ def stand_channels(
         notes=(*frame.notes, *notes),
         impossible=tuple(unable),
     )
+
+
+def _unvaried(frame: StandFrame, effect: Tracing[Any]) -> None:
+    """Raises NotShown where a log has not what an effect of the model needs."""
+    effect.starts(frame)
 
 
 def _memories(frame: StandFrame) -> dict[str, Array]:

@@ -21,7 +21,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.effects.tracing import Shape, Tracing
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF, base_corrections, stand_frame
-from coaxlink.residual.regression.blocks import accumulate, solve, squares
+from coaxlink.residual.held_out import Regression
 
 RATE_HZ = 10.0
 ENOUGH = 900.0  # squared distance: thirty standard deviations of white noise
@@ -174,14 +174,13 @@ def distance(predicted: View, sigma: Array, channels: Sequence[str]) -> tuple[fl
     one = np.zeros(len(predicted.nuisance), np.intp)
     nearest, channel = np.inf, ""
     for true, other in permutations(range(len(predicted.added)), 2):
-        y = predicted.added[true] / sigma
+        y = predicted.added[true]
         left, where = np.inf, 0
         for columns in predicted.shapes[other]:
-            design = np.concatenate([predicted.nuisance, columns], axis=-1) / sigma[:, None]
-            limits = np.concatenate([predicted.bounds, np.full(columns.shape[-1], np.inf)])
-            blocks = accumulate(design, y, one, one[:1], limits)
-            fit = solve(blocks, np.arange(design.shape[-1]), np.ones(1))
-            by_channel = squares(blocks, fit)[0]
+            design = np.concatenate([predicted.nuisance, columns], axis=-1)
+            deviation = np.concatenate([0.5 * predicted.bounds, np.full(columns.shape[-1], np.inf)])
+            taken = Regression(design, y, np.zeros(len(deviation)), deviation, sigma, one)
+            by_channel = np.sum(((y - design @ taken.values) / sigma) ** 2, axis=0)
             if float(by_channel.sum()) < left:
                 left, where = float(by_channel.sum()), int(np.argmax(by_channel))
         if left < nearest:

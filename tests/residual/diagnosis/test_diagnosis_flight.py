@@ -20,10 +20,9 @@ from coaxlink.residual.diagnosis.decide import (
 )
 from coaxlink.residual.diagnosis.flight_search import left_by_all
 from coaxlink.residual.diagnosis.hypotheses import Scorer, key_of
-from coaxlink.residual.diagnosis.noise import white
+from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
 from coaxlink.residual.diagnosis.parts import Block
-from coaxlink.residual.regression.autocorrelation import autocorrelation_time
-from coaxlink.residual.regression.joint_model import Member
+from coaxlink.residual.members import Member
 
 ROWS, SIZE = 800, 100.0
 

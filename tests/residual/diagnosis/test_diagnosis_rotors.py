@@ -14,13 +14,12 @@ from coaxlink.data import Samples
 from coaxlink.effects import effect
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
-from coaxlink.residual.channels.flight_problem import flight_problem
 from coaxlink.residual.diagnosis import judge_flight as answers
 from coaxlink.residual.diagnosis.flight import flight_channels
 from coaxlink.residual.diagnosis.rotors import Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival
-from coaxlink.residual.regression.joint_model import member
+from coaxlink.residual.members import member
 from coaxlink.rotor import load_rotor_model
 
 pytestmark = pytest.mark.slow
@@ -45,7 +44,7 @@ def weak(frame, rotor):
 def test_the_partner_of_a_pair_is_weighed_wherever_the_search_began(flights, capfd):
     log, *vehicle = flights[CHIPPED]
     frame = flight_frame([log], *vehicle)
-    first = places(flight_channels(frame, (), flight_problem(frame)), [weak(frame, 8.0)])[0]
+    first = places(flight_channels(frame), [weak(frame, 8.0)])[0]
     assert first.rotor == 3 and first.probability > 0.99
     assert first.member.parameters(frame)["thrust_loss"] == pytest.approx(0.15, abs=0.02)
     assert capfd.readouterr() == ("", "")  # nor has LAPACK anything to say
@@ -75,7 +74,7 @@ def test_a_rotor_is_claimed_where_all_others_together_are_improbable():
 def test_where_no_rotor_explains_anything_all_stay_as_likely(flights):
     log, *vehicle = flights[SOUND]
     frame = flight_frame([log], *vehicle)
-    found = places(flight_channels(frame, (), flight_problem(frame)), [weak(frame, 3.0)])
+    found = places(flight_channels(frame), [weak(frame, 3.0)])
     assert found[0].probability < 0.99 and sum(p.probability for p in found) == pytest.approx(1.0)
 
 

@@ -1,6 +1,7 @@
 """What an answer says of its errors and of its names holds together."""
 
-from coaxlink.residual.answer.assemble import _worse
+from coaxlink.residual.diagnosis.report import _worse
+
 from coaxlink.residual.result import ChannelError
 
 

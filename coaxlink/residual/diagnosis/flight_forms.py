@@ -1,0 +1,152 @@
+"""What a flight holds beyond the set that is said: free forms of one channel over what was recorded.
+
+A form is judged beside what it leaves: were noise what no effect explains, an oddity would be noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from coaxlink.effects.tracing import Array
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.flight_search import Flown
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer
+from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
+from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, products, waves
+from coaxlink.residual.diagnosis.screening import Stack
+
+FORM_SIZES = (0.005, 0.02)  # of the reference load, judgement: a row's noise in calm air, a gust's
+LEAST = 0.003  # of the reference load, judgement: what is smaller is no pilot's concern
+ANGLE = "yaw_rad"  # what begins anew after a turn
+STRAIGHT = 2  # functions of a variable that are level or nearly straight
+PLACE = ("north_m", "east_m")
+TIME = "time_s"
+PATHS = (TIME, *PLACE, " & ".join(PLACE))  # what a vehicle seldom comes back to
+# cycles of a period in a log, judgement: fewer are a trend; frequencies to either side that a line stands out
+# from; that it does so by chance
+CYCLES, BESIDE, ALPHA = 3, 16, 1e-4
+
+
+class Left:
+    """The best free forms beside a set."""
+
+    def __init__(self, found: Flown, lead: Hypothesis) -> None:
+        self.channels = replace(found.channels, forms=_forms(found.channels))
+        self._scorer, self._lead = Scorer(self.channels, white(found.channels.count)), lead
+        self.without = self._about()
+
+    def shown(self, nats: float) -> list[Hypothesis]:
+        """Sets with one form more that so many nats speak for, the odds of a form paid; one a channel."""
+        names = list(self.channels.forms)
+        stack = Stack([(w, block.deviation) for block, w in map(self._scorer.form, names)])
+        ranked = sorted(zip(stack.gains(self.without, self.without.left), names, strict=True), reverse=True)
+        out = []
+        for channel in self.channels.names:
+            mine = [name for _, name in ranked if name.split("|")[1] == channel]
+            # whatever goes with something goes with time as well
+            best = [next((n for n in mine if (_over(n) in PATHS) == late), "") for late in (False, True)]
+            for h in [self._about(name) for name in best if name]:
+                if self._nats(h, channel) >= nats and self._size(h, channel) >= LEAST:
+                    out.append(h)
+                    break
+        return out
+
+    def periods(self) -> dict[str, tuple[float, float]]:
+        """(seconds, rms) of what comes and goes in time, by channel."""
+        ch, out = self.channels, {}
+        row = float(np.median(np.diff(ch.frame.time_s[ch.frame.keep])))
+        for c, channel in enumerate(ch.names):
+            found = period_of(self.without.left[:, c])
+            if found is not None and found[1] >= LEAST * ch.reference[c]:
+                out[channel] = found[0] * row, found[1]
+        return out
+
+    def _about(self, *forms: str) -> Hypothesis:
+        lead = self._lead
+        return self._scorer.linearised(lead.members, forms, lead.fit.noise, share=lead.share)[0]
+
+    def _nats(self, h: Hypothesis, channel: str) -> float:
+        """Tempered by how long what the form leaves hangs together; of a path in time, by how long that does
+        which the form explains: so does a gust.
+        """
+        over = self.without if _over(h.forms[0]) in PATHS else h
+        time = autocorrelation_time(over.left, self.channels.block)[self.channels.names.index(channel)]
+        ahead = h.fit.log_evidence - self.without.fit.log_evidence
+        return float(ahead / time + h.log_prior - self.without.log_prior)
+
+    def _size(self, h: Hypothesis, channel: str) -> float:
+        """Of the reference load, once corrections gave way."""
+        c = self.channels.names.index(channel)
+        moved = self.without.left[:, c] - h.left[:, c]
+        return float(np.sqrt(np.mean(moved**2)) / self.channels.reference[c])
+
+
+def _over(form: str) -> str:
+    """The variable of a form."""
+    return form.split("|")[0]
+
+
+def _forms(ch: Channels) -> dict[str, Callable[[], Block]]:
+    """Free forms of one channel over one variable, over the heading, and over the place."""
+    over: dict[str, Callable[[], tuple[Array, Array]]] = {
+        f"{name}|{{}}|{length}": partial(_functions, name, values, length)
+        for name, values in ch.variables.items()
+        for length in FORM_LENGTHS
+    }
+    if set(PLACE) <= set(ch.variables):
+        both, length = [ch.variables[name] for name in PLACE], min(FORM_LENGTHS)
+        over[f"{' & '.join(PLACE)}|{{}}|{length}"] = lambda: products(*(waves(x, length) for x in both))
+
+    def form(functions: Callable[[], tuple[Array, Array]], size: float, c: int) -> Block:
+        values, deviations = functions()
+        return in_channel("", (values, deviations * size), ch.weights[:, c], c, ch.count)
+
+    return {
+        f"{name.format(channel)}|{size}": partial(form, functions, size, c)
+        for name, functions in over.items()
+        for c, channel in enumerate(ch.names)
+        for size in FORM_SIZES
+    }
+
+
+def _functions(name: str, values: Array, length: float) -> tuple[Array, Array]:
+    """(rows, K) functions of a variable and (K,) deviations; of speeds those that bend: a gust goes straight
+    with them, since the motors answer it.
+    """
+    if name == ANGLE:
+        return _turns(values, length)
+    functions, deviations = waves(values, length)
+    bends = STRAIGHT if name.startswith("motor") or name.endswith("_speeds") else 0
+    return functions[:, bends:], deviations[bends:]
+
+
+def _turns(angle: Array, length: float) -> tuple[Array, Array]:
+    """(rows, K) functions of an angle that begin anew after a turn, and (K,) deviations, of unit variance."""
+    number = np.arange(1, round(0.5 / length) + 1)
+    functions = [f(angle[:, None] * number) for f in (np.sin, np.cos)]
+    return np.concatenate(functions, axis=1), np.full(2 * len(number), np.sqrt(1.0 / len(number)))
+
+
+def period_of(values: Array) -> tuple[float, float] | None:
+    """Of values (rows,) at equal distances the period in rows, and the rms, of the strongest line.
+
+    None where noise holds as much there by chance: a line stands out from its neighbours in the spectrum, as
+    ringing does not (each frequency's power is exponential about its mean: an F test).
+
+    >>> turns = np.sin(np.arange(500) * np.pi / 8.0) + 0.1 * np.random.default_rng(0).normal(size=500)
+    >>> [round(x, 2) for x in period_of(turns)]
+    [16.13, 0.69]
+    """
+    power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
+    k = int(np.argmax(power))
+    near = np.r_[power[max(1, k - BESIDE) : max(k - 1, 1)], power[k + 2 : k + 1 + BESIDE]]
+    if k < CYCLES or len(near) < BESIDE:
+        return None
+    line = float(np.sum(power[k - 1 : k + 2]))
+    limit = float(fisher.isf(ALPHA / len(power), 2, 2 * len(near)) * np.mean(near))
+    return (len(values) / k, float(np.sqrt(2.0 * line)) / len(values)) if power[k] > limit else None
