@@ -1,7 +1,6 @@
 """What an answer says of its errors and of its names holds together."""
 
 from coaxlink.residual.diagnosis.report import _worse
-
 from coaxlink.residual.result import ChannelError
 
 
