@@ -169,16 +169,16 @@ def judged_alone(count: int, seed: int, kinds: tuple[str, ...], flown: bool = Fa
             flight = reduced(flight_frame([read_flight_log(path)], body, model))
             h = judge([flight], ["flight"], [r.number for r in body.rotors], body.pairs)
             first = h.suspects[0]
-            own = next((s for s in h.suspects if s.number == truth["rotor"]), first)
+            own = next((s for s in h.suspects if s.rotor == truth["rotor"]), first)
             began = getattr(first, "onset_s", None)
             rows.append(
                 truth
                 | {
                     "verdict": h.verdict,
-                    "named": first.number == truth["rotor"],
+                    "named": first.rotor == truth["rotor"],
                     "share": own.probability,
                     "inside": bool(own.loss.low <= truth["loss"] <= own.loss.high),
-                    "found": [round(x, 3) for x in own.loss.as_json()],
+                    "found": [round(x, 3) for x in own.loss],
                     "kind": getattr(own, "kind", ""),
                     "late_s": began.value - truth["onset_s"] if began else None,
                 }

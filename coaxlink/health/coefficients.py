@@ -22,27 +22,30 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.airframe import Airframe
+from coaxlink.constants import NORMAL_95
 from coaxlink.data import Samples
 from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import vertical_zero
-from coaxlink.health.columns import CHANNELS, independent, ridge, rows_of
+from coaxlink.health.columns import least_noise, rows_of
+from coaxlink.health.evidence import Rows, together
+from coaxlink.health.priors import FULL, TURNING
 from coaxlink.health.regressors import regressors
 from coaxlink.premises import rotation_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
+from coaxlink.residual.diagnosis.flight_search import SETTLES
+from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 from coaxlink.signals import lagged
 
-NORMAL_95 = 1.96
 DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed was measured: sag and set-up
 # sd of a load as a whole, and of each of its coefficients beside that, where the rotor file has neither
 # intervals nor a covariance: twice what a data sheet's prior says of its lower rotor (docs/no_stand.md)
 NO_PRIOR = 0.15
-# of full: beyond, an ESC starts, stops or has nothing left, and no model holds; rows for a line
 FEW_SPEEDS = 8  # in a mean, from ESCs that report once a second: what each is off by falls to a third
-TURNING, FULL, LEAST_ROWS = 0.1, 0.98, 50
+LEAST_ROWS = 50  # for a line
 NEAR_S = 0.2  # a low-passed row has so much of what is around it
 SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
 SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
@@ -130,15 +133,15 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
-    system = _system(logs, airframe, prior.by_speed() if measured else prior, names, measured)
-    frames = system.frames
-    count = len(names)
-    precision = np.zeros((system.X.shape[1],) * 2)
-    precision[:count, :count] = np.linalg.inv(covariance + 1e-12 * np.diag(np.diag(covariance)))
-    precision[count:, count:] = np.diag(1 / system.sds**2)
-    posterior = np.asarray(np.linalg.inv(system.X.T @ system.X + precision), float)
-    shift = posterior @ (system.X.T @ system.y)
-    found, spread = mean + shift[:count], posterior[:count, :count]
+    root = np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance))), float)
+    by_speed = prior.by_speed() if measured else prior
+    rows, frames = zip(*(_rows(log, airframe, by_speed, names, measured, root) for log in logs), strict=True)
+    whole = together(rows, {})
+    count, lasts = len(names), whole.lasting
+    units = np.eye(lasts)
+    units[:count, :count] = root
+    lasting = units @ whole.fit.covariance[-lasts:, -lasts:] @ units.T
+    found, spread = mean + root @ whole.fit.values[-lasts:][:count], lasting[:count, :count]
     terms: dict[str, dict[str, float]] = {load: {} for load in LOADS}
     for (load, term), value in zip(names, found, strict=True):
         terms[load][term] = float(value)
@@ -155,9 +158,7 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     before, after = _rms(frames, model)
     seconds = sum(len(f.keep) for f in frames) / JUDGED_RATE_HZ
     model = replace(model, identified=_provenance(prior, logs, names, found, spread, seconds))
-    known = Known(
-        tuple(names), posterior[: system.lasts, : system.lasts], np.median(system.scales, axis=0), frames[-1]
-    )
+    known = Known(tuple(names), lasting, np.median([r.scale for r in rows], axis=0), frames[-1])
     return Update(model, coefficients, loads, hover, seconds, (before, after), measured, tuple(notes), known)
 
 
@@ -251,60 +252,37 @@ def _mean(values: Array, rows: NDArray[np.bool_], width: int) -> Array:
     return np.where(weight > 0.5 / width, total / np.maximum(weight, 1e-12), np.nan)
 
 
-@dataclass(frozen=True)
-class _System:
-    """One linear regression of all flights, rows whitened and tempered."""
-
-    X: Array  # (n, K + nuisances)
-    y: Array  # (n,)
-    sds: Array  # of the nuisances
-    lasts: int  # the first columns: what lasts from flight to flight, the coefficients first
-    scales: Array  # (flights, 4) one over the noise of an independent row, N, N m
-    frames: list[FlightFrame]
-
-
-def _system(
-    logs: Sequence[Samples],
+def _rows(
+    log: Samples,
     airframe: Airframe,
     prior: RotorModel,
     names: Sequence[tuple[str, str]],
     measured: bool,
-) -> _System:
-    blocks: list[tuple[Array, Array, Array]] = []
-    targets, shared, today, frames, scales = [], [], [], [], []
-    for log in logs:
-        frame = _within(flight_frame([log], airframe, prior), log)
-        zero, zero_sd = vertical_zero(frame)
-        moved = frame.measured.copy()
-        moved[:, 2] -= zero * frame.airframe.mass_kg
-        frame = replace(frame, measured=moved)
-        frames.append(frame)
-        y = rows_of(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]
-        raw, seen, parts = regressors(frame, names, measured, zero_sd)
-        usual = np.abs([prior.terms()[load][term] for load, term in names]) * NO_PRIOR + 1e-9
-        sds = np.concatenate([usual, *[[c.sd for c in part] for part in parts]])
-        theta = ridge(y, np.concatenate(seen, axis=-1), sds)
-        rest = y - np.concatenate(raw, axis=-1) @ theta
-        noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
-        scale = np.sqrt(independent(rest / noise)) / noise
-        a, b, c = ((block * scale[None, :, None]).reshape(-1, block.shape[-1]) for block in seen)
-        scales.append(scale)
-        blocks.append((a, b, c))
-        targets.append((y * scale).ravel())
-        shared = [column.sd for column in parts[0]]
-        today.append([column.sd for column in parts[1]])
-    sizes = [c.shape[1] for _, _, c in blocks]
-    total = sum(sizes)
-    rows = []
-    start = 0
-    for (a, b, c), size in zip(blocks, sizes, strict=True):
-        wide = np.zeros((len(a), total))
-        wide[:, start : start + size] = c
-        rows.append(np.concatenate([a, b, wide], axis=1))
-        start += size
-    sds = np.concatenate([shared, *today])
-    whole = np.concatenate(rows), np.concatenate(targets)
-    return _System(*whole, sds, len(names) + len(shared), np.array(scales), frames)
+    root: Array,
+) -> tuple[Rows, FlightFrame]:
+    """One flight's rows and its frame. `root` (K, K) of the prior's covariance: its columns are the unknowns.
+
+    Noise is what the columns as they are leave at the numbers that fit what instruments explain of them.
+    """
+    frame = _within(flight_frame([log], airframe, prior), log)
+    zero, zero_sd = vertical_zero(frame)
+    moved = frame.measured.copy()
+    moved[:, 2] -= zero * frame.airframe.mass_kg
+    frame = replace(frame, measured=moved)
+    raw, seen, parts = regressors(frame, names, measured, zero_sd)
+    (own, lasts, passes), deviations = seen, [joined(part)[1] for part in parts]
+    coefficients = Block("coefficients", own @ root, np.ones(len(names)))
+    rows = Rows(
+        target=rows_of(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0],
+        lasting=(coefficients, Block("lasting", lasts, deviations[0])),
+        passing=(Block("passing", passes, deviations[1]),),
+        time_s=frame.time_s[frame.keep],
+        least=least_noise(frame),
+    )
+    values = together([rows], {}, rounds=SETTLES).fit.values
+    rest = rows.target - np.concatenate([raw[2], raw[0] @ root, raw[1]], axis=-1) @ values
+    noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), rows.least)
+    return replace(rows, noise=noise, together=rows.hangs(rest)), frame
 
 
 def _within(frame: FlightFrame, log: Samples) -> FlightFrame:

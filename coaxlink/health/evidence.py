@@ -1,242 +1,191 @@
-"""Exact evidences of what may have happened to a rotor or to a payload, flight by flight.
+"""Several flights as one linear model, and what further columns say beside it.
 
-    y_k = L_k a + P_k b_k + w_k(t) F_k c + noise       a lasting, b_k of flight k alone, c a fault's size
+    y_k = P_k b_k + L_k a + w_k(t) F_k c + noise       a lasting, b_k of flight k alone, c a fault's size
 
-All priors are normal, so every evidence is exact (Bishop 2006, section 3.5). What is of one flight alone is
-eliminated flight by flight (the Schur complement of its block): what is left are sums over flights of small
-matrices, for every hypothesis of what was strapped on, and of when a fault set in.
+All of it is one regression (`residual.diagnosis.evidence`). Its columns stand flight by flight, what lasts
+behind them: flights touch one another through that alone, so the factor of one flight is a part of the whole
+one's, and what the data say of a fault is a sum over flights but for what the lasting unknowns give way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from coaxlink.frames import Array
-from coaxlink.health.columns import (
-    CG_PAYLOAD_M,
-    INERTIA_PAYLOAD,
-    THRUST_SPECIMEN,
-    TORQUE_SPECIMEN,
-    Flight,
-)
-from coaxlink.health.onsets import Onset, onsets
-from coaxlink.health.priors import DISTURBED, LIFT_TODAY
+from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
+from coaxlink.residual.diagnosis.evidence import Sums as Products
+from coaxlink.residual.diagnosis.flight_search import SETTLES
+from coaxlink.residual.diagnosis.parts import Block, joined
+from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 
-LOADS = 3  # columns of a rotor's fault: lost thrust, lost torque, lost speed
-SLID = (("cg_", CG_PAYLOAD_M), ("lift_today", LIFT_TODAY), ("yaw_push", DISTURBED))
+CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
+CHUNK = 500  # rows whose products are held at once (memory)
 
 
-@dataclass(frozen=True)
-class Eliminated:
-    """A flight's rows with its own unknowns integrated out; L lasting unknowns, R onsets, N rotors."""
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """One flight's judged rows of the four channels, N and N m, and what they may be made of."""
 
-    gram: Array  # (L, L)
-    moment: Array  # (L,)
-    log: float  # of the evidence, less what all hypotheses share
-    cross: Array  # (L, R, N, 3)
-    own: Array  # (R, N, 3, 3)
-    fault_moment: Array  # (R, N, 3)
-
-    def from_start(self) -> Eliminated:
-        """With the fault there in every row: a flight behind the one in which it set in."""
-        first = slice(0, 1)
-        return replace(
-            self,
-            cross=self.cross[:, first],
-            own=self.own[first],
-            fault_moment=self.fault_moment[first],
-        )
-
-
-class FlightSums:
-    """One flight's sums of products, from which every hypothesis takes its part."""
-
-    def __init__(self, flight: Flight, known: Sequence[Onset] | None = None) -> None:
-        root = np.sqrt(flight.share)
-        self.flight, self.onsets = flight, tuple(known or onsets(flight.time_s))
-        gains = np.concatenate([flight.thrust, flight.torque], axis=1)
-        self._lasting = np.concatenate([flight.lasting, gains], axis=1) * root
-        self._passing, self._y = flight.passing * root, flight.y * root
-        faults = np.stack([-flight.thrust, -flight.torque, flight.slower], axis=-1) * root  # (n, N, 3)
-        self._flat = faults.reshape(len(faults), -1)
-        self._squares = np.einsum("nia,nib->niab", faults, faults).reshape(len(faults), -1)
-        self._both = np.concatenate([self._lasting, self._passing], axis=1)
-        self._products: dict[Onset, tuple[Array, ...]] = {}
-        self._take()
-
-    def variants(self, known: Sequence[Onset]) -> FlightSums:
-        """The same flight with other onsets; what is known of the old ones is kept."""
-        other = copy(self)
-        other.onsets = tuple(known)
-        other._take()
-        return other
-
-    def _take(self) -> None:
-        """Products of every onset that is new."""
-        for o in self.onsets:
-            if o not in self._products:
-                w = o.time_profile(self.flight.time_s, self.flight.cutoff_hz)
-                own = w[:, None] * self._flat
-                self._products[o] = (w, self._both.T @ own, self._y @ own, w**2 @ self._squares)
-        self.time_profiles, cross, pull, squares = zip(*(self._products[o] for o in self.onsets), strict=True)
-        shape = (len(self.onsets), self.flight.thrust.shape[1], LOADS)
-        self._cross = np.stack(cross, axis=1).reshape(self._both.shape[1], -1)  # (L + P, R N 3)
-        self._pull = np.stack(pull).reshape(shape)
-        self._own = np.stack(squares).reshape(*shape, LOADS)
-
-    def eliminated(
-        self, slid: Onset | None = None, *, payload: bool = False, faults: bool = True
-    ) -> Eliminated:
-        """The flight as drawn; with something else strapped on (`payload`); or with what slid on the way.
-
-        Without `faults` nothing is said of these: R is 0.
-        """
-        L = self._lasting
-        P, sd = self._alone(slid, payload)
-        A = P.T @ P + np.diag(sd**-2)
-        inverse = np.linalg.inv(A)
-        PL, Py = P.T @ L, P.T @ self._y
-        gram = L.T @ L - PL.T @ inverse @ PL
-        moment = L.T @ self._y - PL.T @ inverse @ Py
-        log = 0.5 * float(Py @ inverse @ Py - np.linalg.slogdet(A)[1] - 2.0 * np.sum(np.log(sd)))
-        shape = (len(self.onsets) if faults else 0, self.flight.thrust.shape[1], LOADS)
-        if not faults:
-            return Eliminated(
-                gram, moment, log, np.zeros((len(gram), *shape)), np.zeros((*shape, LOADS)), np.zeros(shape)
-            )
-        cross, extra = self._cross, P[:, self._passing.shape[1] :]
-        if extra.shape[1]:
-            time_profiles = np.stack(self.time_profiles)  # (R, n)
-            more = [time_profiles @ (column[:, None] * self._flat) for column in extra.T]  # (R, N 3) each
-            cross = np.concatenate([cross, np.stack(more).reshape(len(more), -1)])
-        mine = cross[L.shape[1] :]
-        solved = inverse @ mine
-        by_rotor, solved_by = (m.reshape(len(m), -1, LOADS) for m in (mine, solved))
-        taken = np.stack([np.sum(by_rotor * solved_by[..., [b]], axis=0) for b in range(LOADS)], axis=-1)
-        return Eliminated(
-            gram, moment, log,
-            (cross[: L.shape[1]] - PL.T @ solved).reshape(-1, *shape),
-            self._own - taken.reshape(*shape, LOADS),
-            self._pull - (Py @ solved).reshape(shape),
-        )  # fmt: skip
-
-    def _alone(self, slid: Onset | None, payload: bool) -> tuple[Array, Array]:
-        """(n, P) columns of what is of this flight alone, and their priors' sds."""
-        f = self.flight
-        sd = f.passing_sd.copy()
-        for i, name in enumerate(f.passing_names):
-            if payload and name.startswith(("cg_", "imu_place")):
-                sd[i] = CG_PAYLOAD_M
-            elif payload and name.startswith("inertia"):
-                sd[i] = INERTIA_PAYLOAD
-        if slid is None:
-            return self._passing, sd
-        own, own_sd = self._slid(slid)
-        return np.concatenate([self._passing, own], axis=1), np.concatenate([sd, own_sd])
-
-    def columns(self, slid: Onset | None, payload: bool, fault: Array) -> tuple[Array, Array, Array]:
-        """(n, L + k) shared and (n, P) own columns of one hypothesis, and (P,) own precisions.
-
-        `fault` (n, k) are its fault's, unscaled; the rest as for `eliminated`.
-        """
-        P, sd = self._alone(slid, payload)
-        shared = np.concatenate([self._lasting, fault * np.sqrt(self.flight.share)], axis=1)
-        return shared, P, sd**-2.0
+    target: Array  # (rows, 4)
+    lasting: tuple[Block, ...]  # the same in all flights
+    passing: tuple[Block, ...]  # of this flight alone
+    time_s: Array  # (rows,)
+    least: Array  # (4,) noise, the resolution
+    noise: Array = field(default_factory=lambda: np.ones(len(CHANNELS)))  # (4,)
+    together: float = 1.0  # rows that count as one
 
     @property
-    def y(self) -> Array:
-        """(n,) what is to be explained, tempered as all columns are."""
-        return self._y
+    def scale(self) -> Array:
+        """(4,) by which rows are whitened; slow noise says of a constant its density at no frequency."""
+        return 1.0 / (self.noise * np.sqrt(self.together))
 
-    def _slid(self, onset: Onset) -> tuple[Array, Array]:
-        """Columns of a load that slides, drops or touches something in flight, and their sds."""
-        f = self.flight
-        time_profile = onset.time_profile(f.time_s, f.cutoff_hz)[:, None]
-        columns, sds = [], []
-        for start, sd in SLID:
-            for i, name in enumerate(f.passing_names):
-                if name.startswith(start):
-                    columns.append(self._passing[:, [i]] * time_profile)
-                    sds.append(sd)
-        pushed = f.yaw_push[:, None] * time_profile * np.sqrt(f.share)
-        return np.concatenate([*columns, pushed], axis=1), np.array([*sds, DISTURBED])
+    def hangs(self, rest: Array) -> float:
+        """Rows of what is left (rows, 4) that hang together, in the channel in which most do."""
+        step = np.diff(self.time_s)
+        run = np.concatenate([[0], np.cumsum(step > 1.5 * np.median(step))]).astype(np.intp)
+        return float(autocorrelation_time(rest, run).max())
 
+    def beside(self, own: Sequence[Block]) -> tuple[Self, Array]:
+        """With the noise that is left beside further blocks, and (rows, 4) what that is.
 
-def lasting_precision(flight: Flight) -> Array:
-    """(L,) of the prior of all lasting unknowns: the vehicle's, each rotor's thrust and torque."""
-    rotors = flight.thrust.shape[1]
-    specimen = np.repeat([THRUST_SPECIMEN, TORQUE_SPECIMEN], rotors)
-    return np.asarray(np.concatenate([flight.lasting_sd, specimen]) ** -2.0)
+        From the least noise upwards: from above, what strains against its prior may hold it where it is.
+        """
+        f = replace(self, noise=self.least, together=1.0)
+        fit = together([f], {0: own}, rounds=SETTLES)
+        rest = fit.left[0] / f.scale
+        return replace(f, noise=f.noise * fit.fit.noise, together=f.hangs(rest)), rest
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What the data say of faults that set in in one flight, all else integrated out."""
+class Together:
+    """Flights in one regression."""
 
-    log: float  # evidence without a fault
-    information: Array  # (R, N, 3, 3)
-    score: Array  # (R, N, 3)
+    fit: Fit
+    places: tuple[NDArray[np.intp], ...]  # of each flight's columns in it: its own, then those that last
+    columns: tuple[Array, ...]  # (rows, 4, P) of each flight, whitened
+    left: tuple[Array, ...]  # (rows, 4) of each flight, whitened
+    lasting: int
 
-
-def seen(flights: Sequence[Eliminated], precision: Array, since: int) -> Iterator[Seen]:
-    """Of a fault that set in in flight `since`, mended before each later one in turn, then never."""
-    gram, moment, log = _shared(flights, precision)
-    inverse = np.linalg.inv(gram)
-    cross, own, pull = (np.array(a) for a in _of(flights[since]))
-    for until in range(since + 1, len(flights) + 1):
-        flat = cross.reshape(len(cross), -1, LOADS)
-        solved = (inverse @ flat.reshape(len(cross), -1)).reshape(flat.shape)
-        taken = np.stack([np.sum(flat * solved[..., [b]], axis=0) for b in range(LOADS)], axis=-1)
-        score = pull - (moment @ solved.reshape(len(cross), -1)).reshape(pull.shape)
-        yield Seen(log, own - taken.reshape(own.shape), score)
-        if until < len(flights):
-            for total, part in zip((cross, own, pull), _of(flights[until].from_start()), strict=True):
-                total += part
+    def factor(self, flight: int) -> Array:
+        """(P, P) lower Cholesky factor of one flight's columns."""
+        return self.fit.factor[np.ix_(self.places[flight], self.places[flight])]
 
 
-def evidence(flights: Sequence[Eliminated], precision: Array) -> float:
-    """Log of the evidence without a fault, less what all hypotheses share."""
-    return _shared(flights, precision)[2]
-
-
-def _shared(flights: Sequence[Eliminated], precision: Array) -> tuple[Array, Array, float]:
-    gram = np.sum([f.gram for f in flights], axis=0) + np.diag(precision)
-    moment = np.sum([f.moment for f in flights], axis=0)
-    log = sum(f.log for f in flights) + 0.5 * float(
-        moment @ np.linalg.solve(gram, moment) - np.linalg.slogdet(gram)[1] + np.sum(np.log(precision))
-    )
-    return gram, moment, log
-
-
-def _of(f: Eliminated) -> tuple[Array, Array, Array]:
-    return f.cross, f.own, f.fault_moment
-
-
-def left(
-    sums: Sequence[FlightSums], precision: Array, designs: Sequence[tuple[Array, Array, Array]], fault: Array
-) -> list[Array]:
-    """(n,) of each flight: what the likeliest numbers of one hypothesis leave, in its flight's noise.
-
-    `designs` are `FlightSums.columns`; `fault` (k, k) is the precision of its fault's numbers.
+def together(
+    flights: Sequence[Rows],
+    own: Mapping[int, Sequence[Block]],
+    shared: Sequence[Sequence[Block]] = (),
+    rounds: int = 0,
+) -> Together:
+    """The regression of flights, with further blocks `own` of some, and others that all have in common,
+    `shared` (flights, blocks). Noise stays as it is for no rounds.
     """
-    total = np.zeros((len(precision) + len(fault),) * 2)
-    total[: len(precision), : len(precision)] = np.diag(precision)
-    total[len(precision) :, len(precision) :] = fault
-    pull = np.zeros(len(total))
-    kept = []
-    for s, (X, P, own) in zip(sums, designs, strict=True):
-        inverse = np.linalg.inv(P.T @ P + np.diag(own))
-        PX, Py = P.T @ X, P.T @ s.y
-        total += X.T @ X - PX.T @ inverse @ PX
-        pull += X.T @ s.y - PX.T @ inverse @ Py
-        kept.append((inverse, PX, Py))
-    shared = np.linalg.solve(total, pull)
-    rests = []
-    for s, (X, P, _), (inverse, PX, Py) in zip(sums, designs, kept, strict=True):
-        rest = s.y - X @ shared - P @ (inverse @ (Py - PX @ shared))
-        rests.append(rest / np.sqrt(s.flight.share))
-    return rests
+    before: list[tuple[Array, Array]] = []
+    behind: list[tuple[Array, Array]] = []
+    for k, f in enumerate(flights):
+        before.append(joined([*own.get(k, ()), *f.passing]))
+        behind.append(joined([*f.lasting, *(shared[k] if shared else ())]))
+    widths = [len(d) for _, d in before]
+    lasting = len(behind[0][1])
+    last = sum(widths) + np.arange(lasting)
+    places, columns, targets, parts = [], [], [], []
+    for f, (mine, _), (common, _), start in zip(
+        flights, before, behind, np.cumsum([0, *widths]), strict=False
+    ):
+        x = np.concatenate([mine, common], axis=-1) * f.scale[:, None]
+        places.append(np.concatenate([start + np.arange(mine.shape[-1]), last]))
+        columns.append(x)
+        targets.append(f.target * f.scale)
+        parts.append(
+            sums_of(by_channel(x), x.shape[-1], [], targets[-1], np.full(len(CHANNELS), len(x) / f.together))
+        )
+    sums = Products(
+        int(sum(widths)) + lasting,
+        [place[use] for place, s in zip(places, parts, strict=True) for use in s.use],
+        [g for s in parts for g in s.gram],
+        [m for s in parts for m in s.moment],
+        np.concatenate([s.power for s in parts]),
+        np.concatenate([s.rows for s in parts]),
+    )
+    deviation = np.concatenate([*(d for _, d in before), behind[0][1]])
+    ones = np.ones(len(flights) * len(CHANNELS))
+    least = np.concatenate([f.least / f.noise for f in flights])
+    fit = fitted(sums, deviation, ones, least, rounds)
+    left = tuple(y - x @ fit.values[p] for y, x, p in zip(targets, columns, places, strict=True))
+    return Together(fit, tuple(places), tuple(columns), left, lasting)
+
+
+@dataclass(frozen=True)
+class Said:
+    """What flights say of groups of K further columns in R time profiles, beside a regression."""
+
+    own: Array  # (R, groups, K, K) information, less what each flight's own columns give way
+    half: Array  # (L, R, groups, K) what of it the lasting ones give way
+    score: Array  # (R, groups, K)
+
+    def __add__(self, other: Said) -> Said:
+        """Of one column in several flights."""
+        return Said(self.own + other.own, self.half + other.half, self.score + other.score)
+
+    def always(self) -> Said:
+        """In the first of the profiles alone."""
+        return Said(self.own[:1], self.half[:, :1], self.score[:1])
+
+    @property
+    def information(self) -> Array:
+        """(R, groups, K, K)."""
+        return self.own - _squares(self.half)
+
+
+class Further:
+    """Groups of K columns (rows, 4, groups, K) of a flight in time profiles (R, rows), whitened."""
+
+    def __init__(self, flight: Rows, columns: Array, profiles: Array) -> None:
+        white = columns * flight.scale[:, None, None]
+        squares = np.einsum("rcga,rcgb->rgab", white, white, optimize=True).reshape(len(white), -1)
+        self._shape = (len(profiles), *columns.shape[2:])
+        self._own = (profiles**2 @ squares).reshape(*self._shape, columns.shape[-1])
+        self._flat, self._profiles = white.reshape(*white.shape[:2], -1), profiles
+        usual = joined([*flight.passing, *flight.lasting])[0]
+        self._usual = self._crossed(
+            np.concatenate([flight.target[..., None], usual], axis=-1) * flight.scale[:, None]
+        )
+
+    def _crossed(self, x: Array) -> Array:
+        """(P, R, groups K) products with other columns (rows, 4, P), some rows at a time."""
+        out = np.zeros((len(self._profiles), x.shape[-1] * self._flat.shape[-1]))
+        for start in range(0, len(x), CHUNK):
+            some = slice(start, start + CHUNK)
+            each = x[some].transpose(0, 2, 1) @ self._flat[some]
+            out += self._profiles[:, some] @ each.reshape(len(each), -1)
+        return out.reshape(len(out), x.shape[-1], self._flat.shape[-1]).transpose(1, 0, 2)
+
+    def beside(self, all_of_it: Together, flight: int) -> Said:
+        """What this flight says of them. Columns that it has there beyond its usual ones come first."""
+        place, x = all_of_it.places[flight], all_of_it.columns[flight]
+        new = x.shape[-1] + 1 - len(self._usual)
+        cross = np.concatenate([self._crossed(x[..., :new]), self._usual[1:]])
+        score = self._usual[0] - np.tensordot(all_of_it.fit.values[place], cross, 1)
+        cross = cross.reshape(len(cross), -1) * all_of_it.fit.deviation[place][:, None]
+        half = solve_triangular(all_of_it.factor(flight), cross, lower=True, check_finite=False)
+        mine, lasting = np.split(half.reshape(len(half), *self._shape), [-all_of_it.lasting])
+        return Said(self._own - _squares(mine), lasting, score.reshape(self._shape))
+
+
+def _squares(half: Array) -> Array:
+    """(..., K, K) products of (P, ..., K)."""
+    return np.stack([np.sum(half * half[..., [b]], axis=0) for b in range(half.shape[-1])], axis=-1)
+
+
+def gained(said: Said, deviation: Array) -> Array:
+    """Log evidence that columns add (R, groups)."""
+    scaled = said.information * np.outer(deviation, deviation) + np.eye(len(deviation))
+    pull = said.score * deviation
+    means = np.linalg.solve(scaled, pull[..., None])[..., 0]
+    return 0.5 * (np.sum(pull * means, axis=-1) - np.linalg.slogdet(scaled)[1])

@@ -8,51 +8,126 @@ does to both rotors of its pair what the model's derivatives say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from coaxlink.frames import Array
-from coaxlink.health.columns import Flight, louder
-from coaxlink.health.evidence import FlightSums, Seen, evidence, lasting_precision, left, seen
+from coaxlink.health.columns import Flight
+from coaxlink.health.evidence import Further, Said, Together, gained, together
 from coaxlink.health.onsets import ROUNDS, Onset, variants
-from coaxlink.health.priors import LOSS_SD, MATTERS, MENDED, ROUGH_TORQUE, TORQUE_APART, TORQUE_WITH_THRUST
+from coaxlink.health.priors import (
+    CG_MOVED_M,
+    INERTIA_TODAY,
+    LIFT_TODAY,
+    LOSS_SD,
+    MATTERS,
+    MENDED,
+    ROUGH_TORQUE,
+    TORQUE_APART,
+    TORQUE_WITH_THRUST,
+)
+from coaxlink.residual.diagnosis.hypotheses import ODDS
+from coaxlink.residual.diagnosis.parts import Block, joined
 
-FAULT_ODDS = 1 / 50  # that a vehicle somebody wants judged has a rotor that lost something
+FAULT_ODDS = float(np.exp(ODDS))  # that a rotor lost something: as of any other effect
 PAYLOAD_ODDS = 1 / 5  # that its payload is not where it was
-KINDS = ("a blade that lost a part", "a rough blade", "a motor that turns slower")
-# beside faults so many ways to slide are weighed at most, and none below this share of the odds of no payload
-SLID, NEGLIGIBLE = 8, 1e-4
+CG_PAYLOAD_M, INERTIA_PAYLOAD = 0.03, 0.1  # something else hangs there today
+# beside faults so many payloads are weighed at most, and none below this share of the odds of no payload
+PAYLOADS, NEGLIGIBLE = 8, 1e-4
 LOOKS = 3  # at most, at what the likeliest hypothesis leaves
-NODES = 12  # of Gauss and Legendre, for a quadrant of two normal variables
+SETTLED = 0.05  # of noise: less of a change is not worth another look
+KINDS = ("a blade that lost a part", "a rough blade", "a motor that turns slower")
+# of KINDS, (kinds, 3, 2): lost thrust, torque, and speed as thrust for a deviation of each of two numbers,
+# the loss and the torque beside it
+LOADS = np.zeros((3, 3, 2))
+LOADS[0] = [[LOSS_SD, 0.0], [TORQUE_WITH_THRUST * LOSS_SD, TORQUE_APART], [0.0, 0.0]]
+LOADS[1] = [[LOSS_SD, 0.0], [-ROUGH_TORQUE, ROUGH_TORQUE], [0.0, 0.0]]
+LOADS[2, 2, 0] = LOSS_SD
 
 
 @dataclass(frozen=True)
-class Mended:
-    """A fault that was there from one flight on, and before another one was no more; (N,) each."""
+class Payload:
+    """Something otherwise aboard: strapped on so from before a flight on, or moved within it."""
+
+    flight: int
+    onset: Onset
+
+    @property
+    def slid(self) -> bool:
+        """Whether it moved within the flight."""
+        return self.onset.start_s is not None
+
+    def blocks(self, f: Flight) -> list[Block]:
+        """What it may add to its flight."""
+        time_profile = self.onset.time_profile(f.time_s, f.cutoff_hz)[:, None, None]
+        return [
+            replace(b, columns=b.columns * time_profile) for b in (slides(f) if self.slid else strapped(f))
+        ]
+
+
+def strapped(f: Flight) -> list[Block]:
+    """What is further off where something else hangs."""
+    cg, inertia = np.sqrt(CG_PAYLOAD_M**2 - CG_MOVED_M**2), np.sqrt(INERTIA_PAYLOAD**2 - INERTIA_TODAY**2)
+    sds = {"cg_": cg, "imu_place": cg, "inertia": inertia}
+    return [
+        replace(b, deviation=np.array([sd]))
+        for b in f.passing
+        for n, sd in sds.items()
+        if b.name.startswith(n)
+    ]
+
+
+def slides(f: Flight) -> list[Block]:
+    """What changes where a load slides, drops or touches something in flight."""
+    sds = {"cg_": CG_PAYLOAD_M, "lift_today": LIFT_TODAY}
+    own = [
+        replace(b, deviation=np.array([sd]))
+        for b in f.passing
+        for n, sd in sds.items()
+        if b.name.startswith(n)
+    ]
+    return [*own, f.yaw_push]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """It set in in flight `since` and was mended before flight `until`, if there is one."""
 
     since: int
     until: int
-    chance: Array  # that it was more than MATTERS
-    mean: Array  # of the lost share of thrust, given the hypothesis
-    sd: Array
+    onset: Onset
+    rotor: int
+    loads: Array  # (3, 2) of LOADS
+
+    def blocks(self, number: int, f: Flight) -> list[Block]:
+        """What it adds to a flight; all flights have its size in common."""
+        w = np.full(len(f.time_s), float(self.since <= number < self.until))
+        if number == self.since:
+            w = self.onset.time_profile(f.time_s, f.cutoff_hz)
+        return [lost(f, self.rotor, self.loads, w)]
+
+
+def lost(f: Flight, rotor: int, loads: Array, share: Array) -> Block:
+    """What a rotor's loss adds, a unit for each of LOADS' two numbers; `share` (rows,) of it is there."""
+    return Block("loss", f.loads[:, :, rotor] @ loads * share[:, None, None], np.ones(2))
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Posterior probabilities of faults; lists have an entry for each flight in which one may have set in."""
+    """Posterior probabilities, with R onsets of each flight, N rotors, K kinds."""
 
-    onsets: tuple[tuple[Onset, ...], ...]  # R of each flight
-    chances: tuple[Array, ...]  # (R, N, kinds)
-    matters: tuple[Array, ...]  # (R, N, kinds) that more than MATTERS is lost, given the hypothesis
-    mean: tuple[Array, ...]  # (R, N, kinds) of the lost share of thrust
-    square: tuple[Array, ...]
+    onsets: tuple[tuple[Onset, ...], ...]
+    # by the flight that a fault set in in and the one before which it was mended (or how many there are):
+    # (4, R, N, K) its probability, and this times that of more than MATTERS lost, the lost share, its square
+    faults: Mapping[tuple[int, int], Array]
     gain: tuple[Array, ...]  # (R,) log of the evidence gained by a fault or a payload alone, set in like this
-    mended: tuple[Mended, ...]  # faults that are not there any more
+    best: Payload | Fault | None  # the likeliest one, if any
     payload: float  # probability that in one flight something was not as drawn
     slid: float  # of it, that it moved within the flight
     last: Array  # (N, 3, 3) information on a fault that was there in all of the last flight
+    flights: tuple[Flight, ...]  # with the noise that the likeliest hypothesis leaves
 
 
 def compared(flights: Sequence[Flight], *, slides: bool = True) -> Comparison:
@@ -60,158 +135,127 @@ def compared(flights: Sequence[Flight], *, slides: bool = True) -> Comparison:
 
     The grid of onsets is made finer where something sets in; noise is what the likeliest hypothesis leaves.
     """
-    sums = [FlightSums(f) for f in flights]
-    found, best = _compared(sums, slides)
-    for _ in range(ROUNDS):
-        split = [_worth(o, g) for o, g in zip(found.onsets, found.gain, strict=True)]
-        if not any(split):
-            break
-        for k, parts in enumerate(split):
-            known = sums[k].onsets
-            for at in parts:
-                known = variants(known, at)
-            if parts:
-                sums[k] = sums[k].variants(known)
-        found, best = _compared(sums, slides)
-    for _ in range(LOOKS):
-        rests = _left(sums, best)
-        changed = [louder(s.flight, rest) for s, rest in zip(sums, rests, strict=True)]
-        if all(c is None for c in changed):
-            break
-        sums = [s if c is None else FlightSums(c, s.onsets) for s, c in zip(sums, changed, strict=True)]
-        found, best = _compared(sums, slides)
+    from coaxlink.health.onsets import onsets
+
+    grid = [onsets(f.time_s) for f in flights]
+    found = _compared(flights, grid, slides)
+    for look in range(ROUNDS + LOOKS):
+        if look < ROUNDS:
+            now, finer = list(flights), [_finer(o, g) for o, g in zip(grid, found.gain, strict=True)]
+        else:
+            now, finer = _as_left(flights, found.best), grid
+        if finer != grid or any(a is not b for a, b in zip(now, flights, strict=True)):
+            flights, grid = now, finer
+            found = _compared(flights, grid, slides)
     return found
 
 
-@dataclass(frozen=True)
-class _Hypothesis:
-    """One of all: a payload's flight and way, and a fault's; None for none."""
+def _as_left(flights: Sequence[Flight], best: Payload | Fault | None) -> list[Flight]:
+    """Flights with the noise that a payload or a fault leaves at its likeliest, where that is more.
 
-    payload: tuple[int, Onset] | None
-    fault: _Fault | None
-
-
-@dataclass(frozen=True)
-class _Fault:
-    """It set in in flight `since` and was mended before flight `until`, if there is one."""
-
-    since: int
-    until: int
-    onset: int
-    rotor: int
-    kind: int
+    Less is none: a hypothesis fits some of the noise, and its form of what comes gradually is rough.
+    """
+    own = {best.flight: best.blocks(flights[best.flight])} if isinstance(best, Payload) else {}
+    shared = [best.blocks(k, f) for k, f in enumerate(flights)] if isinstance(best, Fault) else ()
+    out = []
+    for f, left in zip(flights, together(flights, own, shared).left, strict=True):
+        rest = left / f.scale
+        noise = np.maximum(f.noise, np.sqrt(np.mean(rest**2, axis=0)))
+        hang = max(f.together, f.hangs(rest))
+        change = np.log(noise / f.noise * np.sqrt(hang / f.together))
+        out.append(replace(f, noise=noise, together=hang) if change.max() > SETTLED else f)
+    return out
 
 
-def _left(sums: Sequence[FlightSums], best: _Hypothesis) -> list[Array]:
-    """(n,) of each flight, what the likeliest hypothesis leaves."""
-    parts: slice = slice(0, 0)
-    prior = np.zeros((0, 0))
-    if best.fault:
-        parts, prior = PRIORS[best.fault.kind]
-    designs = []
-    for k, s in enumerate(sums):
-        columns = np.zeros((len(s.y), len(prior)))
-        if best.fault and best.fault.since <= k < best.fault.until:
-            f, rotor = s.flight, best.fault.rotor
-            time_profile = s.time_profiles[best.fault.onset if k == best.fault.since else 0]
-            loads = np.stack([-f.thrust[:, rotor], -f.torque[:, rotor], f.slower[:, rotor]], axis=1)
-            columns = loads[:, parts] * time_profile[:, None]
-        onset_of_payload = best.payload[1] if best.payload and best.payload[0] == k else None
-        designs.append(s.columns(*_way(onset_of_payload), columns))
-    return left(sums, lasting_precision(sums[0].flight), designs, np.asarray(np.linalg.inv(prior), float))
-
-
-def _worth(known: Sequence[Onset], gain: Array) -> list[Onset]:
-    """The sudden and the gradual onset that explain most, by a fault or a payload, if anything."""
-    found = []
+def _finer(known: tuple[Onset, ...], gain: Array) -> tuple[Onset, ...]:
+    """With the sudden and the gradual onset split that explain most, by a fault or a payload, if anything."""
+    found = known
     for sudden in (True, False):
         fits = np.where([o.start_s is not None and o.sudden == sudden for o in known], gain, -np.inf)
-        best = int(np.argmax(fits))
-        if fits[best] > 0.0:
-            found.append(known[best])
+        if fits.max() > 0.0:
+            found = variants(found, known[int(np.argmax(fits))])
     return found
 
 
-def _compared(sums: Sequence[FlightSums], slides: bool) -> tuple[Comparison, _Hypothesis]:
-    count, rotors = len(sums), sums[0].flight.thrust.shape[1]
-    precision = lasting_precision(sums[0].flight)
-    drawn = [s.eliminated() for s in sums]
-    (nuisance,) = seen(drawn, precision, count - 1)
-    # the ways in which a payload may have hung, and their log weights without a fault; the first is as drawn
-    payloads: list[tuple[int, Onset | None]] = [(-1, None)]
-    without = [nuisance.log + float(np.log(1 - PAYLOAD_ODDS))]
-    for k, s in enumerate(sums):
-        for onset in s.onsets:
-            slid, strapped = _way(onset)
-            payloads.append((k, onset))
-            if slid and not slides:
-                without.append(-np.inf)
-                continue
-            have = [*drawn[:k], s.eliminated(slid, payload=strapped, faults=False), *drawn[k + 1 :]]
-            without.append(evidence(have, precision) + float(np.log(PAYLOAD_ODDS / count * onset.prior)))
-    sound = [w + float(np.log(1 - FAULT_ODDS)) for w in without]
-    faulty: list[tuple[int, int, int, _Weighed]] = []  # since and until which flight, way
-    for way in _beside(payloads, without):
-        where, hung = payloads[way]
-        have = list(drawn)
-        if hung is not None:
-            slid, strapped = _way(hung)
-            have[where] = sums[where].eliminated(slid, payload=strapped)
-        for since, s in enumerate(sums):
-            each = np.log(FAULT_ODDS / (count * rotors * len(KINDS)))
-            prior = np.log([o.prior for o in s.onsets])[:, None, None] + each
-            for until, so_far in enumerate(seen(have, precision, since), start=since + 1):
-                weighed = _weighed(so_far)
-                log = weighed.log + without[way] + prior + _lasts(since, until, count)
-                faulty.append((since, until, way, replace(weighed, log=log)))
-    alone = [
-        np.max([w.log.max(axis=(1, 2)) for start, _, way, w in faulty if (start, way) == (k, 0)], axis=0)
-        for k in range(count)
+def _compared(flights: Sequence[Flight], grid: Sequence[tuple[Onset, ...]], may_slide: bool) -> Comparison:
+    count, rotors = len(flights), flights[0].loads.shape[2]
+    profiles = [
+        np.stack([o.time_profile(f.time_s, f.cutoff_hz) for o in known])
+        for f, known in zip(flights, grid, strict=True)
     ]
-    ways_to_slide = np.split(np.array(sound[1:]), np.cumsum([len(s.onsets) for s in sums])[:-1])
-    gain = tuple(np.maximum(a, b) - sound[0] for a, b in zip(alone, ways_to_slide, strict=True))
-
-    top = max(*sound, *(float(w.log.max()) for *_, w in faulty))
-    ways = np.exp(np.array(sound) - top)
-    shapes = [(len(s.onsets), rotors, len(KINDS)) for s in sums]
-    mass, matters, mean, square = ([np.zeros(shape) for shape in shapes] for _ in range(4))
-    gone: dict[tuple[int, int], list[Array]] = {}
-    for since, until, way, w in faulty:
-        part = np.exp(w.log - top)
-        ways[way] += part.sum()
-        if until < count:
-            here = gone.setdefault((since, until), [np.zeros(rotors) for _ in range(4)])
-            for moment, power in zip(here, (w.matters, 1.0, w.mean, w.mean**2 + w.sd**2), strict=True):
-                moment += (part * power).sum(axis=(0, 2))
-            continue
-        mass[since] += part
-        matters[since] += part * w.matters
-        mean[since] += part * w.mean
-        square[since] += part * (w.mean**2 + w.sd**2)
-    total = float(ways.sum())
-
-    def given(values: list[Array]) -> tuple[Array, ...]:
-        return tuple(v / np.maximum(m, 1e-300) for v, m in zip(values, mass, strict=True))
-
-    mended = []
-    for (since, until), (much, weight, first, second) in gone.items():
-        each = first / np.maximum(weight, 1e-300)
-        sd = np.sqrt(np.maximum(second / np.maximum(weight, 1e-300) - each**2, 0.0))
-        mended.append(Mended(since, until, much / total, each, sd))
-    moved = [bool(onset and onset.start_s is not None) for _, onset in payloads]
-    on_the_way = float(ways[moved].sum()) / total
-    found = Comparison(
-        tuple(s.onsets for s in sums), tuple(m / total for m in mass), given(matters), given(mean),
-        given(square), gain, tuple(mended), 1.0 - float(ways[0]) / total, on_the_way, nuisance.information[0],
+    further = [Further(f, f.loads, w) for f, w in zip(flights, profiles, strict=True)]
+    drawn = together(flights, {})
+    # payloads, and their log weights without a fault; None is as drawn
+    payloads: list[Payload | None] = [None]
+    without = [float(np.log(1 - PAYLOAD_ODDS))]
+    for k, (f, w, known) in enumerate(zip(flights, profiles, grid, strict=True)):
+        gains = np.concatenate(
+            [_alone(drawn, k, f, strapped(f), w[:1]), _alone(drawn, k, f, slides(f), w[1:])]
+        )
+        payloads += [Payload(k, o) for o in known]
+        prior = np.log([PAYLOAD_ODDS / count * o.prior for o in known])
+        prior[1 if not may_slide else len(known) :] = -np.inf
+        without += list(prior + gains)
+    sound = np.array(without) + float(np.log(1 - FAULT_ODDS))
+    weighed: list[tuple[int, int, int, _Weighed]] = []  # since and until which flight, payload
+    for way in _beside(without):
+        p = payloads[way]
+        now = together(flights, {p.flight: p.blocks(flights[p.flight])}) if p else drawn
+        said = [x.beside(now, k) for k, x in enumerate(further)]
+        for since, until, of_them in _spans(said):
+            odds = np.log(FAULT_ODDS / (count * rotors * len(KINDS))) + _lasts(since, until, count)
+            prior = odds + np.log([o.prior for o in grid[since]])[:, None, None] + without[way]
+            each_fault = _weigh(of_them)
+            weighed.append((since, until, way, replace(each_fault, log=each_fault.log + prior)))
+        if p is None:
+            last = said[-1].information[0]
+    top = max(float(sound.max()), *(float(w.log.max()) for *_, w in weighed))
+    masses, faults = np.exp(sound - top), dict[tuple[int, int], Array]()
+    alone = [np.full(len(known), -np.inf) for known in grid]
+    best: Payload | Fault | None = payloads[int(np.argmax(sound))]
+    most = float(sound.max())
+    for since, until, way, found in weighed:
+        part = np.exp(found.log - top)
+        masses[way] += part.sum()
+        moments = part * np.stack(
+            [np.ones_like(part), found.matters, found.mean, found.mean**2 + found.sd**2]
+        )
+        faults[since, until] = faults.get((since, until), 0.0) + moments
+        if way == 0:
+            alone[since] = np.maximum(alone[since], found.log.max(axis=(1, 2)))
+            if float(found.log.max()) > most:
+                most = float(found.log.max())
+                r, rotor, kind = np.unravel_index(int(np.argmax(found.log)), found.log.shape)
+                best = Fault(since, until, grid[since][r], int(rotor), LOADS[kind])
+    ways = np.split(sound[1:], np.cumsum([len(known) for known in grid])[:-1])
+    gain = tuple(np.maximum(a, b) - sound[0] for a, b in zip(alone, ways, strict=True))
+    total = float(masses.sum())
+    slid = np.array([bool(p and p.slid) for p in payloads])
+    return Comparison(
+        tuple(grid), {k: m / total for k, m in faults.items()}, gain, best, 1.0 - float(masses[0]) / total,
+        float(masses[slid].sum()) / total, last, tuple(flights),
     )  # fmt: skip
-    way, fault = int(np.argmax(sound)), None
-    most = sound[way]
-    for since, until, at, w in faulty:
-        if float(w.log.max()) > most:
-            place = [int(i) for i in np.unravel_index(int(np.argmax(w.log)), w.log.shape)]
-            most, way, fault = float(w.log.max()), at, _Fault(since, until, *place)
-    where, hung = payloads[way]
-    return found, _Hypothesis((where, hung) if hung else None, fault)
+
+
+def _alone(drawn: Together, k: int, f: Flight, blocks: Sequence[Block], profiles: Array) -> Array:
+    """(R,) log evidence that blocks add in these time profiles."""
+    columns, deviation = joined(blocks)
+    return gained(Further(f, columns[:, :, None], profiles).beside(drawn, k), deviation)[:, 0]
+
+
+def _beside(without: Sequence[float]) -> list[int]:
+    """Payloads that are weighed beside faults: as drawn, and the likeliest others."""
+    others = sorted(range(1, len(without)), key=lambda way: -without[way])[:PAYLOADS]
+    return [0, *(way for way in others if without[way] > without[0] + np.log(NEGLIGIBLE))]
+
+
+def _spans(said: Sequence[Said]) -> Iterator[tuple[int, int, Said]]:
+    """Of a fault that set in in each flight, mended before each later one in turn, then never."""
+    for since, total in enumerate(said):
+        for until in range(since + 1, len(said) + 1):
+            yield since, until, total
+            if until < len(said):
+                total = total + said[until].always()
 
 
 def _lasts(since: int, until: int, count: int) -> float:
@@ -222,40 +266,9 @@ def _lasts(since: int, until: int, count: int) -> float:
     return float(np.log(1.0 - MENDED if until == count else MENDED / gaps))
 
 
-def _way(onset: Onset | None) -> tuple[Onset | None, bool]:
-    """What slid when, and whether something was strapped on otherwise from the start."""
-    if onset is None or onset.start_s is None:
-        return None, onset is not None
-    return onset, False
-
-
-def _beside(payloads: Sequence[tuple[int, Onset | None]], without: Sequence[float]) -> list[int]:
-    """Ways that are weighed beside faults: as drawn, strapped on otherwise, and the likeliest to slide."""
-    fixed = [way for way, (_, onset) in enumerate(payloads) if onset is None or onset.start_s is None]
-    slid = [way for way in range(len(payloads)) if way not in fixed]
-    slid.sort(key=lambda way: -without[way])
-    likely = [way for way in slid[:SLID] if without[way] > without[0] + np.log(NEGLIGIBLE)]
-    return [*fixed, *likely]
-
-
-def chipped_prior() -> Array:
-    """(2, 2) covariance of the thrust and the torque that a blade loses with a part of it."""
-    a, both = LOSS_SD**2, TORQUE_WITH_THRUST * LOSS_SD**2
-    return np.array([[a, both], [both, TORQUE_WITH_THRUST**2 * a + TORQUE_APART**2]])
-
-
-# of KINDS: which of lost thrust, lost torque and lost speed, and their covariance
-PRIORS = (
-    (slice(0, 2), chipped_prior()),
-    (slice(0, 2), np.diag([LOSS_SD**2, ROUGH_TORQUE**2])),
-    (slice(2, 3), np.array([[LOSS_SD**2]])),
-)
-ROUGH = 1
-
-
 @dataclass(frozen=True)
 class _Weighed:
-    """(R, N, kinds) each: log of the evidence, and the lost thrust."""
+    """(R, N, K) each: log of the evidence, the lost thrust, and the chance of more than MATTERS."""
 
     log: Array
     mean: Array
@@ -263,50 +276,16 @@ class _Weighed:
     matters: Array
 
 
-def _weighed(s: Seen) -> _Weighed:
+def _weigh(said: Said) -> _Weighed:
     """What each fault gains over none: its size integrated over its prior, thrust lost and not gained."""
-    from scipy.special import ndtr
+    from scipy.special import log_ndtr
 
-    logs, means, sds, matters = [], [], [], []
-    for k, (part, prior) in enumerate(PRIORS):
-        gain, mean, covariance = _posterior(s.information[..., part, part], s.score[..., part], prior)
-        sd = np.sqrt(covariance[..., 0, 0])
-        if k == ROUGH:  # a quarter of the prior's plane: thrust lost, torque gained
-            torque_sd = np.sqrt(covariance[..., 1, 1])
-            rho = -covariance[..., 0, 1] / (sd * torque_sd)
-            spoken = -mean[..., 1] / torque_sd
-            allowed, much = (_quadrant((mean[..., 0] - x) / sd, spoken, rho) for x in (0.0, MATTERS))
-        else:  # a half
-            allowed, much = (ndtr((mean[..., 0] - x) / sd) for x in (0.0, MATTERS))
-        share = 4.0 if k == ROUGH else 2.0
-        logs.append(gain + np.log(share * allowed + 1e-300))
-        matters.append(np.clip(much / np.maximum(allowed, 1e-300), 0.0, 1.0))
-        means.append(mean[..., 0])
-        sds.append(sd)
-    return _Weighed(*(np.stack(x, axis=-1) for x in (logs, means, sds, matters)))
-
-
-def _posterior(information: Array, score: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Log of the evidence gained, mean and covariance of a fault's numbers under a normal prior."""
-    size = np.eye(len(prior))
-    covariance = np.linalg.inv(information + np.linalg.inv(prior))
-    mean = (covariance @ score[..., None])[..., 0]
-    price = np.linalg.slogdet(size + prior @ information)[1]
-    return 0.5 * (np.sum(score * mean, axis=-1) - price), mean, covariance
-
-
-def _quadrant(h: Array, k: Array, rho: Array) -> Array:
-    """P(x < h, y < k) of two standard normal variables (Plackett 1954).
-
-    >>> round(float(_quadrant(np.zeros(1), np.zeros(1), np.array([0.5]))[0]), 6)
-    0.333333
-    """
-    from scipy.special import ndtr
-
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    top = np.arcsin(np.clip(rho, -0.9999, 0.9999))[..., None]
-    angle = 0.5 * top * (nodes + 1.0)
-    h, k = np.asarray(h)[..., None], np.asarray(k)[..., None]
-    exponent = (h * h + k * k - 2.0 * h * k * np.sin(angle)) / (2.0 * np.cos(angle) ** 2)
-    more = np.sum(weights * np.exp(-exponent), axis=-1) * 0.5 * top[..., 0] / (2.0 * np.pi)
-    return np.clip(ndtr(h[..., 0]) * ndtr(k[..., 0]) + more, 0.0, 1.0)
+    information = np.einsum("kai,rnab,kbj->rnkij", LOADS, said.information, LOADS, optimize=True)
+    score = np.einsum("kai,rna->rnki", LOADS, said.score)
+    covariance = np.linalg.inv(information + np.eye(2))
+    sizes = np.einsum("rnkij,rnkj->rnki", covariance, score)
+    gain = 0.5 * (np.sum(score * sizes, axis=-1) + np.linalg.slogdet(covariance)[1])
+    mean, sd = LOSS_SD * sizes[..., 0], LOSS_SD * np.sqrt(covariance[..., 0, 0])
+    allowed = log_ndtr(mean / sd)
+    matters = np.minimum(np.exp(log_ndtr((mean - MATTERS) / sd) - allowed), 1.0)
+    return _Weighed(gain + np.log(2.0) + allowed, mean, sd, matters)

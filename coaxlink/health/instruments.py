@@ -22,7 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.health.columns import CHANNELS, NuisanceColumn, rows_of
+from coaxlink.health.columns import rows_of
+from coaxlink.health.evidence import CHANNELS
+from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.signals import low_pass
 
 LIFT = 0  # of the channels of `rows_of`
@@ -33,7 +35,7 @@ ALIKE = 1e-6  # of the largest singular value: instruments that say the same
 ENDOGENOUS = ("weighing", "force_delay", "voltage", "ground")
 
 
-def endogenous(columns: Sequence[NuisanceColumn]) -> NDArray[np.bool_]:
+def endogenous(columns: Sequence[Block]) -> NDArray[np.bool_]:
     """(K,) which columns follow the commands."""
     return np.array([c.name.startswith(ENDOGENOUS) for c in columns], bool)
 

@@ -9,41 +9,35 @@ time counts (`share`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from coaxlink.constants import NORMAL_95
 from coaxlink.frames import Array
-from coaxlink.health.columns import THRUST_SPECIMEN, TORQUE_SPECIMEN, Flight
-from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, Comparison, chipped_prior, compared
+from coaxlink.health.columns import Flight
+from coaxlink.health.evidence import together
+from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, LOADS, Comparison, Payload, compared, lost
 from coaxlink.health.onsets import Onset
-from coaxlink.health.priors import LIFT_TODAY, LOSS_SD, MATTERS, TORQUE_WITH_THRUST
+from coaxlink.health.priors import GROUND, LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST, WATCH
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 
-WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than MATTERS
-NORMAL_95 = 1.96
 
-
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """A value with its 95 % interval."""
 
     value: float
     low: float
     high: float
 
-    def as_json(self) -> list[float]:
-        """[value, low, high]."""
-        return [self.value, self.low, self.high]
-
 
 @dataclass(frozen=True)
 class RotorHealth:
     """One rotor at a flight's end: shares of the model's loads, what all rotors have in common taken off."""
 
-    number: int
+    rotor: int  # number
     pair: int | None
     thrust: Interval
     torque: Interval
@@ -71,7 +65,7 @@ class FlightHealth:
 class SuspectRotor:
     """A rotor that may have lost something: how likely, how much if so, since when."""
 
-    number: int
+    rotor: int  # number
     probability: float  # that it lost more than MATTERS
     loss: Interval  # share of its thrust, given that it is this one
     since: str  # the flight
@@ -84,7 +78,7 @@ class SuspectRotor:
 class MendedRotor:
     """A rotor that had lost something and has it again: its propeller or motor was changed."""
 
-    number: int
+    rotor: int  # number
     probability: float
     loss: Interval  # share of its thrust
     since: str  # the flight
@@ -132,42 +126,11 @@ class Health:
             "premises": list(self.premises),
             "probability": None if self.reasons else self.probability,
             "matters": MATTERS,
-            "suspects": [
-                {
-                    "rotor": s.number,
-                    "probability": s.probability,
-                    "loss": s.loss.as_json(),
-                    "since": s.since,
-                    "onset_s": s.onset_s.as_json() if s.onset_s else None,
-                    "gradual": s.gradual,
-                    "kind": s.kind,
-                }
-                for s in self.suspects
-            ],
-            "mended": [
-                {
-                    "rotor": m.number,
-                    "probability": m.probability,
-                    "loss": m.loss.as_json(),
-                    "since": m.since,
-                    "until": m.until,
-                }
-                for m in self.mended
-            ],
+            "suspects": [asdict(s) for s in self.suspects],
+            "mended": [asdict(m) for m in self.mended],
             "payload_moved": None if self.reasons else self.payload,
             "detects": None if self.reasons else self.detects,
-            "flights": [
-                {
-                    "name": f.name,
-                    "seconds": f.seconds,
-                    "rotors": [
-                        {"rotor": r.number, "thrust": r.thrust.as_json(), "torque": r.torque.as_json()}
-                        for r in f.rotors
-                    ],
-                    "pairs": [{"rotors": list(p.rotors), "thrust": p.thrust.as_json()} for p in f.pairs],
-                }
-                for f in self.flights
-            ],
+            "flights": [asdict(f) for f in self.flights],
         }
 
 
@@ -181,59 +144,52 @@ def judge(
 ) -> Health:
     """Health of the rotors over flights, oldest first. `pairs`: (upper, lower) indices into the rotors;
     without `slides` nothing aboard is believed to move within a flight."""
-    rotors = flights[0].thrust.shape[1]
     found = compared(flights, slides=slides)
     suspects = tuple(
-        sorted((_suspect(i, numbers[i], found, names) for i in range(rotors)), key=lambda s: -s.probability)
+        sorted((_suspect(i, n, found, names) for i, n in enumerate(numbers)), key=lambda s: -s.probability)
     )
     probability = min(sum(s.probability for s in suspects), 1.0)
     verdict = "ground it" if probability >= GROUND else "watch" if probability >= WATCH else "sound"
-    each = tuple(
-        _of_flight(flight, name, numbers, pairs, _set_in(found, k))
-        for k, (flight, name) in enumerate(zip(flights, names, strict=True))
-    )
+    each = tuple(_of_flight(found, k, name, numbers, pairs) for k, name in enumerate(names))
     mended = tuple(_mended(found, numbers, names))
-    detects = _detects(found, rotors)
     return Health(
-        verdict, probability, suspects, each, found.payload, detects, mended=mended, slid=found.slid
+        verdict, probability, suspects, each, found.payload, _detects(found), mended=mended, slid=found.slid
     )
 
 
 def _mended(found: Comparison, numbers: Sequence[int], names: Sequence[str]) -> Iterator[MendedRotor]:
     """Rotors that more likely than not were mended, and when."""
+    gone = {when: m.sum(axis=(1, 3)) for when, m in found.faults.items() if when[1] < len(names)}  # (4, N)
     for rotor, number in enumerate(numbers):
-        if sum(float(m.chance[rotor]) for m in found.mended) < GROUND:
-            continue
-        best = max(found.mended, key=lambda m: float(m.chance[rotor]))
-        loss = _loss(float(best.mean[rotor]), float(best.sd[rotor]))
-        chance = sum(float(m.chance[rotor]) for m in found.mended)
-        yield MendedRotor(number, chance, loss, names[best.since], names[best.until])
+        chance = sum(float(m[1, rotor]) for m in gone.values())
+        if chance >= GROUND:
+            since, until = max(gone, key=lambda when: float(gone[when][1, rotor]))
+            yield MendedRotor(number, chance, _loss(gone[since, until][:, rotor]), names[since], names[until])
 
 
-def _loss(mean: float, sd: float) -> Interval:
-    """A share of the thrust at the commanded speed, and that is known to LIFT_TODAY (voltage, air)."""
-    half = NORMAL_95 * float(np.hypot(sd, LIFT_TODAY * mean))
-    return Interval(mean, mean - half, mean + half)
+def _loss(moments: Array) -> Interval:
+    """The lost share of thrust at the commanded speed, and that is known to LIFT_TODAY (voltage, air).
+
+    `moments` are a probability, then (`hypotheses.Comparison`) its part that matters, and that times the lost
+    share and its square.
+    """
+    mean, square = moments[2:] / max(float(moments[0]), 1e-300)
+    half = NORMAL_95 * float(np.sqrt(max(square - mean**2, 0.0) + (LIFT_TODAY * mean) ** 2))
+    return Interval(float(mean), float(mean - half), float(mean + half))
 
 
 def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -> SuspectRotor:
-    own = [f[:, rotor] for f in found.chances]  # (R, kinds) a flight
-    matters = sum(float(np.sum(c * m[:, rotor])) for c, m in zip(own, found.matters, strict=True))
-    flight = int(np.argmax([c.sum() for c in own]))
-    here, onsets = own[flight], found.onsets[flight]
-    within = here[1:].sum() > here[0].sum()
-    onset = None
-    if within:
-        onset = _quantiles(onsets[1:], here[1:].sum(axis=1))
+    own = [found.faults[k, len(names)][:, :, rotor] for k in range(len(names))]  # (4, R, K) a flight
+    flight = int(np.argmax([m[0].sum() for m in own]))
+    here, onsets = own[flight][0].sum(axis=1), found.onsets[flight]
+    within = bool(here[1:].sum() > here[0])
     slow = np.array([o.over_s > 0.0 for o in onsets])
-    total = max(float(here.sum()), 1e-300)
-    mean, square = (
-        float(np.sum(here * m[:, rotor]) / total) for m in (found.mean[flight], found.square[flight])
-    )
-    loss = _loss(mean, float(np.sqrt(max(square - mean**2, 0.0))))
-    kind = KINDS[int(np.argmax(sum(c.sum(axis=0) for c in own)))]
-    gradual = bool(within and here[slow].sum() > here[1:].sum() / 2)
-    return SuspectRotor(number, matters, loss, names[flight], onset, gradual, kind)
+    kind = int(np.argmax(sum(m[0].sum(axis=0) for m in own)))
+    return SuspectRotor(
+        number, sum(float(m[1].sum()) for m in own), _loss(own[flight].sum(axis=(1, 2))), names[flight],
+        _quantiles(onsets[1:], here[1:]) if within else None,
+        within and bool(here[slow].sum() > here[1:].sum() / 2), KINDS[kind],
+    )  # fmt: skip
 
 
 def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
@@ -249,7 +205,8 @@ def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
 
 def _set_in(found: Comparison, flight: int) -> dict[int, Onset]:
     """Rotors that may have lost something within this flight, from WATCH on, and when most likely."""
-    onsets, chances = found.onsets[flight], found.chances[flight].sum(axis=2)  # (R, N)
+    onsets, last = found.onsets[flight], len(found.flights)
+    chances = sum(found.faults[flight, k][0].sum(axis=2) for k in range(flight + 1, last + 1))  # (R, N)
     when = np.argmax(chances, axis=0)
     return {
         i: onsets[r]
@@ -259,66 +216,51 @@ def _set_in(found: Comparison, flight: int) -> dict[int, Onset]:
 
 
 def _of_flight(
-    flight: Flight,
-    name: str,
-    numbers: Sequence[int],
-    pairs: Sequence[tuple[int, int]],
-    set_in: Mapping[int, Onset],
+    found: Comparison, number: int, name: str, numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> FlightHealth:
     """Every rotor's gains at the end of one flight with nobody flagged: all may be off, by LOSS_SD, and those
-    of `set_in` by as much more from then on."""
-    rotors = flight.thrust.shape[1]
-    loads = (flight.thrust, flight.torque)
-    time_profiles = {i: o.time_profile(flight.time_s, flight.cutoff_hz) for i, o in set_in.items()}
-    steps = [load[:, [i]] * w[:, None] for load in loads for i, w in time_profiles.items()]
-    X = np.concatenate([*loads, flight.lasting, flight.passing, *steps], axis=1)
-    precision = np.concatenate(
-        [
-            np.zeros(2 * rotors),
-            1 / flight.lasting_sd**2,
-            1 / flight.passing_sd**2,
-            np.full(len(steps), LOSS_SD**-2.0),
-        ]
-    )
-    prior = chipped_prior() + np.diag([THRUST_SPECIMEN**2, TORQUE_SPECIMEN**2])
-    A = flight.share * X.T @ X + np.diag(precision)
-    block = np.linalg.inv(prior)
-    for i in range(rotors):
-        place = np.ix_([i, rotors + i], [i, rotors + i])
-        A[place] += block
-    covariance = np.linalg.inv(A)
-    mean = covariance @ (flight.share * X.T @ flight.y)
-
-    at_end = np.eye(len(mean))[: 2 * rotors]  # of each rotor's thrust, then torque
-    first = len(mean) - len(steps)
-    for n, i in enumerate(time_profiles):
-        at_end[i, first + n] = at_end[rotors + i, first + len(time_profiles) + n] = 1.0
-    alike = at_end.reshape(2, rotors, -1).mean(axis=1)
+    that something set in at by as much more from then on. What was aboard is as is likeliest."""
+    f, unit, blade = found.flights[number], np.eye(len(numbers)), LOADS[0]
+    set_in = _set_in(found, number)
+    losses = [lost(f, i, blade, np.ones(len(f.time_s))) for i in range(len(unit))]
+    losses += [lost(f, i, blade, o.time_profile(f.time_s, f.cutoff_hz)) for i, o in set_in.items()]
+    p = found.best
+    fit = together(
+        [f], {0: p.blocks(f)} if isinstance(p, Payload) and p.flight == number else {}, [losses]
+    ).fit
+    mean, covariance = fit.values, fit.covariance
+    # (2, N, columns) that are a loss at the flight's end: gains that last, losses, those that set in
+    ends = [
+        np.hstack([*own, np.kron(unit, blade[q]), np.kron(unit[:, list(set_in)], blade[q])])
+        for q, own in enumerate(((-unit, 0 * unit), (0 * unit, -unit)))
+    ]
+    at_end = np.pad(ends, ((0, 0), (0, 0), (len(mean) - ends[0].shape[1], 0)))
+    alike = at_end.mean(axis=1)
 
     def interval(weights: Array, quantity: int) -> Interval:
         apart = weights - alike[quantity]  # what all share is the pack's and the air's, not a rotor's
-        value = 1.0 + float(apart @ mean)
+        value = 1.0 - float(apart @ mean)
         half = NORMAL_95 * float(np.sqrt(apart @ covariance @ apart))
         return Interval(value, value - half, value + half)
 
     partner = {i: j for a, b in pairs for i, j in ((a, b), (b, a))}
-    found = tuple(
+    each = tuple(
         RotorHealth(
             numbers[i], numbers[partner[i]] if i in partner else None,
-            interval(at_end[i], 0), interval(at_end[rotors + i], 1),
+            interval(at_end[0, i], 0), interval(at_end[1, i], 1),
         )
-        for i in range(rotors)
+        for i in range(len(unit))
     )  # fmt: skip
-    lift = np.abs(flight.thrust).sum(axis=0)
-    together = []
-    for upper, lower in pairs:
-        share = lift[upper] / max(lift[upper] + lift[lower], 1e-300)
-        weights = share * at_end[upper] + (1 - share) * at_end[lower]
-        together.append(PairHealth((numbers[upper], numbers[lower]), interval(weights, 0)))
-    return FlightHealth(name, flight.seconds, found, tuple(together))
+    lift = np.abs(f.loads[:, 0, :, 0]).sum(axis=0)
+    share = {(a, b): lift[a] / max(lift[a] + lift[b], 1e-300) for a, b in pairs}
+    both = tuple(
+        PairHealth((numbers[a], numbers[b]), interval(s * at_end[0, a] + (1 - s) * at_end[0, b], 0))
+        for (a, b), s in share.items()
+    )
+    return FlightHealth(name, f.seconds, each, both)
 
 
-def _detects(found: Comparison, rotors: int) -> float:
+def _detects(found: Comparison) -> float:
     """The loss of thrust that would bring the verdict `watch` in the median rotor, all else as expected.
 
     Of a chipped blade before the last flight. Its evidence must outweigh the prior odds of one rotor:
@@ -326,4 +268,4 @@ def _detects(found: Comparison, rotors: int) -> float:
     """
     ratio = np.array([1.0, TORQUE_WITH_THRUST])
     information = np.maximum(np.einsum("a,nab,b->n", ratio, found.last[:, :2, :2], ratio), 1e-300)
-    return float(np.median(information**-0.5) * np.sqrt(2 * np.log(rotors / FAULT_ODDS * WATCH)))
+    return float(np.median(information**-0.5) * np.sqrt(2 * np.log(len(information) / FAULT_ODDS * WATCH)))

@@ -25,11 +25,13 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CoaxlinkError, InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import USUAL_M_S2, VELOCITY_M_S
-from coaxlink.health.coefficients import FULL, TURNING, Known, Update
+from coaxlink.health.coefficients import Known, Update
+from coaxlink.health.priors import FULL, TURNING
 from coaxlink.health.regressors import regressors, unit_loads
 from coaxlink.mixer.authority import doublet_acceleration, doublet_deg
 from coaxlink.mixer.fitted import FittedLaw, envelope
 from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.diagnosis.parts import joined
 from coaxlink.residual.experiments.manoeuvres import SETTLE_S, Manoeuvre, flown
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.vehicle import Vehicle
@@ -312,5 +314,5 @@ class Design:
         _, seen, parts = regressors(planned, self.known.names, self._measured, self._zero_sd)
         columns = np.concatenate(seen, axis=-1) * self.known.scale[None, :, None]
         flat = columns.reshape(-1, columns.shape[-1])
-        self._passing = np.array([c.sd for c in parts[1]]) ** -2.0
+        self._passing = joined(parts[1])[1] ** -2.0
         return np.asarray(flat.T @ flat)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from coaxlink.constants import NORMAL_95
 from coaxlink.data.samples import PREMISES, Samples
 from coaxlink.frames import FlightFrame
-from coaxlink.health.coefficients import NORMAL_95, Update, coefficients_from_flights
+from coaxlink.health.coefficients import Update, coefficients_from_flights
 from coaxlink.health.columns import reduced
-from coaxlink.health.judge import GROUND, Health, judge
+from coaxlink.health.judge import Health, judge
+from coaxlink.health.priors import GROUND
 from coaxlink.premises import (
     NotJudged,
     OtherVehicle,
@@ -123,4 +125,4 @@ def update_hangs_on(update: Update, logs: Sequence[Samples], vehicle: Vehicle) -
 
 def _words(found: Health) -> str:
     """The verdict and the rotor that it names."""
-    return found.verdict if found.verdict == "sound" else f"{found.verdict}, rotor {found.suspects[0].number}"
+    return found.verdict if found.verdict == "sound" else f"{found.verdict}, rotor {found.suspects[0].rotor}"

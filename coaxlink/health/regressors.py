@@ -9,12 +9,12 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.health.columns import NuisanceColumn, lasting, passing, rows_of
+from coaxlink.health.columns import VERTICAL_ZERO, lasting, passing, rows_of
 from coaxlink.health.instruments import LIFT, endogenous, explained, instruments
+from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.rotor.polynomial import design_matrix
 
 WEIGHED = 0.005  # of the mass: a luggage scale
-VERTICAL_ZERO = "accel_z_bias_m_s2"
 BY_SPEED = ("voltage",)  # changes speeds: where these were measured it changes nothing else
 # what the coefficients themselves are, or the weighing
 OWN = ("upper_", "lower_", "single_", "lift_today", "torque_today", "thrust_", "torque_")
@@ -49,9 +49,7 @@ def coefficient_columns(frame: FlightFrame, names: Sequence[tuple[str, str]]) ->
     return np.moveaxis(frame.airframe.body_loads(thrust, torque), 0, -1)
 
 
-def nuisances(
-    frame: FlightFrame, measured: bool, zero_sd: float
-) -> tuple[list[NuisanceColumn], list[NuisanceColumn]]:
+def nuisances(frame: FlightFrame, measured: bool, zero_sd: float) -> tuple[list[Block], list[Block]]:
     """What lasts from flight to flight and what does not, without what the coefficients themselves are.
 
     `measured`: the log has the rotors' speeds. `zero_sd`: of the accelerometer's vertical zero, m/s^2.
@@ -60,15 +58,16 @@ def nuisances(
     lasts, passes = (
         [c for c in make(frame) if not c.name.startswith(without)] for make in (lasting, passing)
     )
-    passes = [replace(c, sd=zero_sd) if c.name == VERTICAL_ZERO else c for c in passes]
+    passes = [replace(c, deviation=np.array([zero_sd])) if c.name == VERTICAL_ZERO else c for c in passes]
     none = np.zeros_like(frame.thrust)
-    lasts.append(NuisanceColumn("weighing", WEIGHED, frame.airframe.body_loads(frame.thrust, none)))
+    lift = rows_of(frame, frame.airframe.body_loads(frame.thrust, none)[..., None])
+    lasts.append(Block("weighing", lift, np.array([WEIGHED])))
     return lasts, passes
 
 
 def regressors(
     frame: FlightFrame, names: Sequence[tuple[str, str]], measured: bool, zero_sd: float
-) -> tuple[list[Array], list[Array], tuple[list[NuisanceColumn], list[NuisanceColumn]]]:
+) -> tuple[list[Array], list[Array], tuple[list[Block], list[Block]]]:
     """Columns (kept, 4, .) of the coefficients, of what lasts and of what does not, with these two's priors.
 
     Twice: as they are, and with what instruments explain of them (`instruments`): of the lift's rows what no
@@ -76,7 +75,7 @@ def regressors(
     """
     parts = nuisances(frame, measured, zero_sd)
     own = rows_of(frame, coefficient_columns(frame, names))
-    stacked = [rows_of(frame, np.stack([c.values for c in part], axis=-1)) for part in parts]
+    stacked = [joined(part)[0] for part in parts]
     follows = endogenous([*parts[0], *parts[1]])
     beside = np.concatenate(stacked, axis=-1)
     known = instruments(frame, beside, follows)

@@ -30,10 +30,13 @@ from coaxlink.health.priors import (
     CG_DRAWN_M,
     DELAY_TODAY_S,
     DISTURBED,
+    FULL,
     LIFT_TODAY,
     LOSS_SD,
     MATTERS,
     TILT_ARM_M,
+    TURNING,
+    WATCH,
 )
 from coaxlink.health.stream import BLOCK_S, HealthInterval
 from coaxlink.mixer.plain import PlainRotors
@@ -41,7 +44,6 @@ from coaxlink.vehicle import Vehicle
 
 HOURS = 100.0  # mean time between false alarms
 CALL = 0.95  # probability of one rotor at which it is called
-WATCH = 0.05  # as `judge`
 JOLTS_S = 3600.0  # between sudden disturbances that are no gusts: a load let go, a contact
 GUST_S = 2.5  # of d: how long a gust lasts over a hovering vehicle, MIL-F-8785C's lengths at a few m/s
 RATIOS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0])  # of d's standard deviation to the noise's
@@ -54,7 +56,6 @@ LASTING = 5  # blocks that an onset is old: the first holds a part of it, motors
 SETTLING = 30  # blocks before anything is said: three times what four unknowns need
 SCALE = 0.10  # of the wrench: inertia as drawn, voltage, air
 MODEL = 0.03  # of a rotor's load beside its usual one: what a rotor model is good to
-RANGE = (0.1, 0.98)  # of full speed: beyond, an ESC starts, stops or has nothing left, and no model holds
 TIMING_S = 0.006  # of a wrench's slope: a 50 Hz stream's period over root 12
 COMMON = (0.5, 1.5)  # of lift: more is no pack's and no air's
 FENCE = 9.0  # of a squared innovation: one farther out teaches no noise and chooses no filter (Huber 1981)
@@ -170,7 +171,7 @@ class SequentialTest:
             return Verdict(block.time_s, False, (), 0.0)
         if block.after_gap:  # what began in a gap is not seen setting in
             self._forget_onsets()
-        if ((block.speeds < RANGE[0]) | (block.speeds > RANGE[1])).any():
+        if ((block.speeds < TURNING) | (block.speeds > FULL)).any():
             self._forget_onsets()  # what changed meanwhile is not told from what changed because of it
             return Verdict(block.time_s, self._settled, (), 0.0)
         self._filter(block, lift)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.health.coefficients import NORMAL_95, Update
+from coaxlink.constants import NORMAL_95
+from coaxlink.health.coefficients import Update
 from coaxlink.health.next_flight import NextFlight
 from coaxlink.report.terminal import grouped, table
 

@@ -6,8 +6,8 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
-from coaxlink.health.judge import GROUND, WATCH, Health, SuspectRotor
-from coaxlink.health.priors import MATTERS
+from coaxlink.health.judge import Health, SuspectRotor
+from coaxlink.health.priors import GROUND, MATTERS, WATCH
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.figures import SIZE, drawn, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import label
@@ -27,14 +27,14 @@ def verdict_line(health: Health) -> str:
     first = health.suspects[0]
     chance = _percent(health.probability)
     if health.verdict != "ground it":
-        named = "" if health.verdict == "sound" else f"; most likely rotor {first.number}, {_since(first)}"
+        named = "" if health.verdict == "sound" else f"; most likely rotor {first.rotor}, {_since(first)}"
         seen = f"a loss of {100 * health.detects:.0f} % would have been seen"
         lost = f"the probability that a rotor lost more than {share} is {chance}"
         return f"{health.verdict}: {lost}{named}; {seen}"
     loss = f"{100 * first.loss.value:.0f} % ({100 * first.loss.low:.0f} to {100 * first.loss.high:.0f})"
     who = suspects_named(health)
     if " or " in who:
-        who += f"; if it is {first.number}"
+        who += f"; if it is {first.rotor}"
     return (
         f"{health.verdict}: {who}, {loss} of its thrust gone {_since(first)}; "
         f"the probability that a rotor lost more than {share} is {chance}"
@@ -47,7 +47,7 @@ def suspects_named(health: Health) -> str:
     "rotor 3", "rotor 8 or 3".
     """
     first, *others = health.suspects
-    numbers = [first.number, *(s.number for s in others if s.probability >= WATCH)]
+    numbers = [first.rotor, *(s.rotor for s in others if s.probability >= WATCH)]
     return f"rotor {' or '.join(map(str, numbers))}"
 
 
@@ -60,13 +60,13 @@ def remarks(health: Health) -> Iterator[str]:
     for suspect in health.suspects[:3]:
         if suspect.probability > LIKELY and health.verdict != "sound":
             yield (
-                f"rotor {suspect.number}: {_percent(suspect.probability)}, {100 * suspect.loss.value:.0f} % "
+                f"rotor {suspect.rotor}: {_percent(suspect.probability)}, {100 * suspect.loss.value:.0f} % "
                 f"+/- {50 * (suspect.loss.high - suspect.loss.low):.0f} {_since(suspect)}, "
                 f"most likely {suspect.kind}"
             )
     for m in health.mended:
         yield (
-            f"rotor {m.number}: {100 * m.loss.value:.0f} % +/- {50 * (m.loss.high - m.loss.low):.0f} of its "
+            f"rotor {m.rotor}: {100 * m.loss.value:.0f} % +/- {50 * (m.loss.high - m.loss.low):.0f} of its "
             f"thrust gone since {m.since}, and back since {m.until} ({_percent(m.probability)}): changed "
             "between them? If not, look at it before the next flight"
         )
@@ -110,10 +110,10 @@ def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
     last = health.flights[-SHOWN:]
     thrusts = [f"{flight.name}\nthrust" for flight in last]
     heads = ["rotor", *thrusts, "torque, last", f"chance that over\n{100 * MATTERS:.0f} % are lost"]
-    chance = {s.number: s.probability for s in health.suspects}
+    chance = {s.rotor: s.probability for s in health.suspects}
     rotors = [
-        [str(rotor.number), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
-         _percent(chance[rotor.number]) if rotor.number in chance else "-"]
+        [str(rotor.rotor), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
+         _percent(chance[rotor.rotor]) if rotor.rotor in chance else "-"]
         for i, rotor in enumerate(last[-1].rotors)
     ]  # fmt: skip
     pairs = [
@@ -166,7 +166,7 @@ def figure(health: Health, stamp: str = "") -> Any:
             at, middle = [p + shift for p in numbers], [v.value for v in found]
             axis.errorbar(at, middle, spread, ls="", ms=3, **look.points, label=load)
         pair = f" (with {rotor.pair})" if rotor.pair is not None else ""
-        axis.set_title(f"rotor {rotor.number}{pair}")
+        axis.set_title(f"rotor {rotor.rotor}{pair}")
         axis.set_xticks(numbers)
         axis.set_xlim(0.5, len(numbers) + 0.5)
         plain_axis(axis)

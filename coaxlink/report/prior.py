@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.constants import NORMAL_95
 from coaxlink.load import Load
 from coaxlink.report.pictures.figures import drawn, new_figure, plain_axis
 from coaxlink.report.pictures.looks import THRUST, TORQUE
 from coaxlink.report.terminal import grouped, table
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.prior import RATIOS, WORKING, PairPrior
-
-NORMAL_95 = 1.96
 
 
 def prior_table(prior: PairPrior) -> Any:

@@ -7,7 +7,7 @@ import pytest
 
 from coaxlink.files import example
 from coaxlink.fly.plans import CAUTIOUS_RAD_S2, plan_of
-from coaxlink.health.coefficients import FULL, TURNING
+from coaxlink.health.priors import FULL, TURNING
 from coaxlink.mixer.authority import HIGH, LOW, MOST_DEG, doublet_acceleration, doublet_deg, yaw_authority
 from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.rotor.model import RotorModel

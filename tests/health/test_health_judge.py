@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from case_table import case_table
 from scipy.signal import butter, sosfiltfilt
 
-from coaxlink.health.columns import Flight, louder, passing_events
+from coaxlink.health.columns import Flight, passing_events
+from coaxlink.health.evidence import Further, gained, together
+from coaxlink.health.hypotheses import compared
 from coaxlink.health.judge import judge
+from coaxlink.residual.diagnosis.parts import Block
 
 N, ROWS = 8, 400
 TIMES = 100.0 + np.arange(ROWS) / 10.0
@@ -51,17 +56,27 @@ def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, time_profile=
         y = y + time_profile * weak[1] * slow[..., weak[0]]
     push = np.zeros((ROWS, 4, 1))
     push[:, 3] = total[:, None] * 0.25
-    alike = np.concatenate([thrust.sum(-1, keepdims=True), torque.sum(-1, keepdims=True)], axis=-1)
 
-    def flat(columns):
-        return (columns / noise[None, :, None]).reshape(-1, columns.shape[-1])
+    def block(name, columns, sd):
+        return Block(name, columns, np.full(columns.shape[-1], sd))
 
     return Flight(
-        (y / noise).ravel(), flat(centre), flat(np.concatenate([alike, centre], axis=-1)), flat(thrust),
-        flat(torque), flat(slow), flat(push)[:, 0], np.repeat(TIMES, 4), 4.0,
-        np.array([5e-3, 5e-3]), np.array([0.1, 0.05, 3e-3, 3e-3]),
-        ("lift_today", "torque_today", "cg_right_m", "cg_forward_m"), share, ROWS / 10.0, noise,
-    )  # fmt: skip
+        target=y,
+        lasting=(block("centre", centre, 5e-3), block("thrust", thrust, 0.02), block("torque", torque, 0.03)),
+        passing=(
+            block("lift_today", thrust.sum(-1, keepdims=True), 0.1),
+            block("torque_today", torque.sum(-1, keepdims=True), 0.05),
+            block("cg_right_m", centre[..., :1], 3e-3),
+            block("cg_forward_m", centre[..., 1:], 3e-3),
+        ),
+        yaw_push=block("yaw_push", push, 0.05),
+        loads=np.stack([-thrust, -torque, slow], axis=-1),
+        time_s=TIMES,
+        cutoff_hz=4.0,
+        least=1e-6 * noise,
+        noise=noise,
+        together=1.0 / share,
+    )
 
 
 def health(*flights, **how):
@@ -79,10 +94,10 @@ def test_a_rotor_that_was_changed_between_flights_is_sound_again_and_no_other_on
         found = health(*flights)
         assert found.verdict == "sound"
         (mended,) = found.mended
-        assert mended.number == rotor + 1 and mended.until == f"flight {back}"
+        assert mended.rotor == rotor + 1 and mended.until == f"flight {back}"
         assert mended.loss.low < 0.2 < mended.loss.high
     found = health(sound[0], *weak)
-    assert found.verdict == "ground it" and found.suspects[0].number == rotor + 1 and not found.mended
+    assert found.verdict == "ground it" and found.suspects[0].rotor == rotor + 1 and not found.mended
 
 
 @pytest.mark.slow
@@ -102,7 +117,7 @@ def test_a_rotor_that_lost_a_tenth_is_named_with_the_flight_and_the_size():
                 found = health(flight(rng), flight(rng), flight(rng, (rotor, 0.1, 0.07)))
                 assert found.verdict == "ground it" and found.probability > 0.9
                 first = found.suspects[0]
-                assert (first.number, first.since) == (rotor + 1, "flight 3")
+                assert (first.rotor, first.since) == (rotor + 1, "flight 3")
                 assert first.loss.low < 0.1 < first.loss.high and first.loss.high - first.loss.low < 0.1
                 share = found.flights[2].rotors[rotor].thrust
                 assert share.low < 0.9 + 0.1 / 8 < share.high
@@ -155,13 +170,13 @@ def test_a_loss_within_a_flight_is_named_with_its_time():
                 rng = np.random.default_rng(20 + rotor)
                 found = health(flight(rng, (rotor, 0.12, 0.12 * torque), time_profile=since(23.4)))
                 first = found.suspects[0]
-                assert found.verdict == "ground it" and first.number == rotor + 1
+                assert found.verdict == "ground it" and first.rotor == rotor + 1
                 assert first.onset_s.low <= 123.4 <= first.onset_s.high < first.onset_s.low + 1.5
                 assert first.loss.low < 0.12 < first.loss.high
                 assert not first.gradual
                 assert first.kind == ("a blade that lost a part" if torque > 0 else "a rough blade")
                 for r in found.flights[0].rotors:  # at its end; 0.02 is what the mean of all takes from each
-                    truth = 1.0 - 0.12 * (r.number == rotor + 1)
+                    truth = 1.0 - 0.12 * (r.rotor == rotor + 1)
                     assert abs(r.thrust.value - truth) < r.thrust.high - r.thrust.value + 0.02, r
                 assert (
                     "rotor" in found.as_json()["suspects"][0]
@@ -174,7 +189,7 @@ def test_a_loss_that_comes_gradually_is_told_from_one_at_once():
     rng = np.random.default_rng(30)
     found = health(flight(rng), flight(rng, (3, 0.15, 0.12), time_profile=since(12.0, 18.0)))
     first = found.suspects[0]
-    assert first.number == 4 and first.gradual and first.since == "flight 2"
+    assert first.rotor == 4 and first.gradual and first.since == "flight 2"
     assert first.onset_s.low < 112.0 < first.onset_s.high
 
 
@@ -182,7 +197,7 @@ def test_a_loss_that_comes_gradually_is_told_from_one_at_once():
 def test_a_motor_that_turns_slower_is_told_from_a_blade(rotor):
     rng = np.random.default_rng(40 + rotor)
     first = health(flight(rng, weak=(rotor, 0.15), time_profile=since(15.0))).suspects[0]
-    assert first.number == rotor + 1 and first.kind == "a motor that turns slower"
+    assert first.rotor == rotor + 1 and first.kind == "a motor that turns slower"
     assert first.loss.low < 0.15 < first.loss.high
 
 
@@ -198,6 +213,8 @@ def test_a_load_that_slides_is_no_rotor():
     flown = flight(rng, cg=(0.02, 0.01), time_profile=since(20.0))
     found = health(flown)
     assert found.verdict == "sound" and found.payload > 0.9 and found.slid > 0.9
+    for load in (getattr(r, name) for r in found.flights[0].rotors for name in ("thrust", "torque")):
+        assert load.low < 1.0 < load.high
     assert health(flown, slides=False).slid == 0.0
 
 
@@ -214,12 +231,27 @@ def test_what_is_over_within_a_second_is_no_rotor():
 
 
 def test_noise_is_what_the_likeliest_hypothesis_leaves():
-    rng = np.random.default_rng(80)
-    own = flight(rng)
-    same = louder(own, rng.standard_normal(4 * ROWS))
-    more = louder(own, rng.standard_normal(4 * ROWS) * np.tile([1.0, 3.0, 1.0, 1.0], ROWS))
-    assert same is None
-    assert more.noise / own.noise == pytest.approx([1.0, 3.0, 1.0, 1.0], rel=0.15)
-    assert np.std(own.y.reshape(-1, 4)[:, 1]) / np.std(more.y.reshape(-1, 4)[:, 1]) == pytest.approx(
-        3.0, rel=0.15
-    )
+    own = flight(np.random.default_rng(80), (2, 0.2, 0.15))
+    before = replace(own, noise=own.noise * [1.0, 1.0, 1.0, 1 / 3])
+    (found,) = compared([before]).flights
+    assert found.noise == pytest.approx(own.noise, rel=0.15)
+
+
+def test_what_columns_gain_beside_flights_is_what_the_evidence_grows_by():
+    """Of a column in one flight, and of one that two have in common from some moment on."""
+    rng = np.random.default_rng(90)
+    flights = [flight(rng, share=1.0), flight(rng, (2, 0.1, 0.08), share=1.0)]
+    drawn, sd = together(flights, {}), np.array([0.2, 0.2])
+    profiles = [np.ones((1, ROWS)), since(20.0).T]
+    loads = [f.loads[:, :, 2:3, :2] for f in flights]
+    said = [
+        Further(f, x, w).beside(drawn, k)
+        for k, (f, x, w) in enumerate(zip(flights, loads, profiles, strict=True))
+    ]
+    blocks = [[Block("loss", x[:, :, 0] * w.T[:, None], sd)] for x, w in zip(loads, profiles, strict=True)]
+    for found, grown in (
+        (said[1], together(flights, {1: blocks[1]})),
+        (said[0] + said[1], together(flights, {}, blocks)),
+    ):
+        more = grown.fit.log_evidence - drawn.fit.log_evidence
+        assert gained(found, sd)[0, 0] == pytest.approx(more, rel=1e-6)

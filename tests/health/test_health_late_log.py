@@ -6,8 +6,8 @@ import pytest
 
 from coaxlink.data import read_flight_log
 from coaxlink.files import example
-from coaxlink.health.judge import WATCH
 from coaxlink.health.premises import judged
+from coaxlink.health.priors import WATCH
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import HiddenEffect
@@ -32,5 +32,5 @@ def test_no_other_rotor_is_named_where_the_log_begins_after_the_loss(tmp_path: P
     for begins in (19.2, 21.0):
         late = log.take(log["time_s"] > begins)
         found = judged([late], ["late"], vehicle)
-        assert found.suspects[0].number == WEAK and not found.reasons
+        assert found.suspects[0].rotor == WEAK and not found.reasons
         assert sum(s.probability for s in found.suspects[1:]) < WATCH

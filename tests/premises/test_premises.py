@@ -129,7 +129,7 @@ def test_a_declared_vehicle_is_judged_as_before(flights):
                 vehicle = body(sources=sources)
                 assert judged([sound], ["f"], vehicle).verdict == "sound"
                 found = judged([weak], ["f"], vehicle)
-                assert found.verdict == "ground it" and found.suspects[0].number == WEAK
+                assert found.verdict == "ground it" and found.suspects[0].rotor == WEAK
                 assert refine(sound, vehicle.declared, ROTORS).verdict == "nothing to mend"
                 named = refine(weak, vehicle.declared, ROTORS)
                 assert [e.name for e in named.effects] == ["degraded_rotor"]
@@ -145,7 +145,7 @@ def test_a_guessed_inertia_ends_in_the_right_rotor_or_in_what_to_measure(flights
         if found.verdict == "cannot judge":
             assert {c.premise for c in found.cannot_judge} <= set(GUESSED) and not found.suspects
         else:
-            assert found.verdict == right and (right == "sound" or found.suspects[0].number == WEAK)
+            assert found.verdict == right and (right == "sound" or found.suspects[0].rotor == WEAK)
     told = refine(flights[1], vehicle.declared, ROTORS)
     if told.cannot_judge:
         assert {c.premise for c in told.cannot_judge} <= set(GUESSED) and told.model is None
@@ -175,7 +175,7 @@ def test_a_rotor_that_a_slide_would_explain_is_not_called_sound(flights, monkeyp
     def judge(*_, slides):
         verdict, slid = answers[slides]
         return replace(
-            Health.withheld(()), verdict=verdict, slid=slid, suspects=(SimpleNamespace(number=WEAK),)
+            Health.withheld(()), verdict=verdict, slid=slid, suspects=(SimpleNamespace(rotor=WEAK),)
         )
 
     monkeypatch.setattr("coaxlink.health.premises.judge", judge)

@@ -97,6 +97,12 @@ class Fit:
         gram *= np.outer(self.deviation, self.deviation)
         return _precision(gram)
 
+    @cached_property
+    def covariance(self) -> Array:
+        """(P, P) posterior."""
+        half = solve_triangular(self.factor, np.diag(self.deviation), lower=True, check_finite=False)
+        return np.asarray(half.T @ half)
+
 
 def fitted(sums: Sums, deviation: Array, noise: Array, least: Array, rounds: int = ROUNDS) -> Fit:
     """The model with its noise levels (C,) moved from `noise` to their best, none under `least`.
