@@ -231,9 +231,9 @@ def flown_terms(nats: float) -> dict[str, float]:
     return {"tempered": _scaled("tempered", nats)}
 
 
-def flown_nats() -> float:
-    """That a flight's name has where it is claimed, at the least."""
-    level, model = calibration(FLIGHTS)["level"]["name"], calibration(FLIGHTS)["flight"]
+def flown_nats(kind: str) -> float:
+    """That a flight's name (`name`), or what has none (`open`), has where it is told, at the least."""
+    level, model = calibration(FLIGHTS)["level"][kind], calibration(FLIGHTS)["flight"]
     total = np.log(level / (1.0 - level)) - model["intercept"]
     return float(np.expm1(total / model["weights"]["tempered"]))
 

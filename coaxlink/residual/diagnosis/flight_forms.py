@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import f as fisher
 
 from coaxlink.effects.tracing import Array
@@ -18,7 +19,6 @@ from coaxlink.residual.diagnosis.flight_search import Flown
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, products, waves
-from coaxlink.residual.diagnosis.screening import Stack
 
 FORM_SIZES = (0.005, 0.02)  # of the reference load, judgement: a row's noise in calm air, a gust's
 LEAST = 0.003  # of the reference load, judgement: what is smaller is no pilot's concern
@@ -26,7 +26,7 @@ ANGLE = "yaw_rad"  # what begins anew after a turn
 STRAIGHT = 2  # functions of a variable that are level or nearly straight
 PLACE = ("north_m", "east_m")
 TIME = "time_s"
-PATHS = (TIME, *PLACE, " & ".join(PLACE))  # what a vehicle seldom comes back to
+PATHS = (TIME, "voltage_V", *PLACE, " & ".join(PLACE))  # what a vehicle seldom comes back to
 # cycles of a period in a log, judgement: fewer are a trend; frequencies to either side that a line stands out
 # from; that it does so by chance
 CYCLES, BESIDE, ALPHA = 3, 16, 1e-4
@@ -42,9 +42,7 @@ class Left:
 
     def shown(self, nats: float) -> list[Hypothesis]:
         """Sets with one form more that so many nats speak for, the odds of a form paid; one a channel."""
-        names = list(self.channels.forms)
-        stack = Stack([(w, block.deviation) for block, w in map(self._scorer.form, names)])
-        ranked = sorted(zip(stack.gains(self.without, self.without.left), names, strict=True), reverse=True)
+        ranked = sorted(((self._gain(name), name) for name in self.channels.forms), reverse=True)
         out = []
         for channel in self.channels.names:
             mine = [name for _, name in ranked if name.split("|")[1] == channel]
@@ -69,6 +67,17 @@ class Left:
     def _about(self, *forms: str) -> Hypothesis:
         lead = self._lead
         return self._scorer.linearised(lead.members, forms, lead.fit.noise, share=lead.share)[0]
+
+    def _gain(self, name: str) -> float:
+        """Log evidence that a form would add, at the noise that is."""
+        block, fit = self.channels.forms[name](), self.without.fit
+        c = self.channels.names.index(name.split("|")[1])
+        mine = block.columns[:, c] * (block.deviation / fit.noise[c])
+        beside = self.without.whitened(c) * (fit.deviation / fit.noise[c])
+        half = solve_triangular(fit.factor, beside.T @ mine, lower=True)
+        low = np.linalg.cholesky(np.eye(block.width) + mine.T @ mine - half.T @ half)
+        z = np.linalg.solve(low, mine.T @ (self.without.left[:, c] / fit.noise[c]))
+        return float(0.5 * z @ z - np.sum(np.log(np.diag(low))))
 
     def _nats(self, h: Hypothesis, channel: str) -> float:
         """Tempered by how long what the form leaves hangs together; of a path in time, by how long that does

@@ -19,6 +19,7 @@ from coaxlink.residual.diagnosis.decide import (
     Decision,
     calibration,
     decided_in_flight,
+    flown_nats,
 )
 from coaxlink.residual.diagnosis.flight import flight_channels, would_show
 from coaxlink.residual.diagnosis.flight_forms import TIME, Left
@@ -87,14 +88,14 @@ def _open_ends(found: Flown, lead: Hypothesis, said: Decision) -> list[Unexplain
     """Free forms beside what is said, and members that are surer than what shows in sound flights, but not as
     sure as a name has to be.
     """
-    ch, level, left = found.channels, calibration(FLIGHTS)["level"], Left(found, lead)
+    ch, level, left = found.channels, calibration(FLIGHTS)["level"]["open"], Left(found, lead)
     pieces: Pieces = {}
-    for shown in left.shown(level["left"]):
+    for shown in left.shown(flown_nats("open")):
         pieces |= pieces_of(left.channels, shown)
     for channel, (seconds, rms) in left.periods().items():
         words = f"it comes and goes with a period of {seconds:.2g} s, by nothing recorded"
         pieces.setdefault(channel, []).append((rms, TIME, words))
-    for m in [m for m in lead.members if said.withheld.get(m.name, 0.0) >= level["open"]]:
+    for m in [m for m in lead.members if said.withheld.get(m.name, 0.0) >= level]:
         u = unnamed(ch, found.posterior, lead, m, said.withheld[m.name])
         pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
     return told(ch, pieces)

@@ -69,7 +69,7 @@ def test_a_number_where_physics_ends_is_no_estimate(monkeypatch):
 def test_a_flights_name_is_judged_by_the_terms_that_were_trained_and_more_nats_raise_it():
     level = calibration(FLIGHTS)["level"]["name"]
     assert set(flown_terms(1.0)) == set(calibration(FLIGHTS)["flight"]["weights"])
-    said = [probability("flight", flown_terms(nats)) for nats in (2.0, flown_nats(), 400.0)]
+    said = [probability("flight", flown_terms(nats)) for nats in (2.0, flown_nats("name"), 400.0)]
     assert said == sorted(said) and said[0] < level and said[1] == pytest.approx(level)
 
 
