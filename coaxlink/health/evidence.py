@@ -21,8 +21,8 @@ from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.evidence import Sums as Products
 from coaxlink.residual.diagnosis.flight_search import SETTLES
+from coaxlink.residual.diagnosis.noise import autocorrelation_time
 from coaxlink.residual.diagnosis.parts import Block, joined
-from coaxlink.residual.regression.autocorrelation import autocorrelation_time
 
 CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
 CHUNK = 500  # rows whose products are held at once (memory)
