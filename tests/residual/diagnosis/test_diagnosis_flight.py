@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from coaxlink.residual.diagnosis.decide import (
     flown_terms,
     probability,
 )
+from coaxlink.residual.diagnosis.flight_forms import Left
 from coaxlink.residual.diagnosis.flight_search import left_by_all
 from coaxlink.residual.diagnosis.hypotheses import Scorer, key_of
 from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
@@ -48,6 +50,33 @@ def test_what_a_candidate_explains_is_no_noise_though_it_is_in_no_set_yet():
     empty = Scorer(ch, white(1)).empty
     assert autocorrelation_time(empty.left, ch.block)[0] > 10.0
     assert left_by_all(ch, empty)[0] == pytest.approx(1.0, abs=0.3)
+
+
+def left_beside_nothing(target, **variables):
+    """Free forms of a flight whose one channel follows these variables (rows,)."""
+    ch = replace(channels(target, np.ones(ROWS)), variables=variables)
+    return Left(SimpleNamespace(channels=ch), Scorer(ch, white(1)).empty)
+
+
+def test_what_follows_the_heading_is_found_through_many_turns_and_by_its_size():
+    random, yaw = np.random.default_rng(3), np.arange(ROWS) / 17.0
+    noise = random.normal(0.0, 0.5, ROWS)
+    (found,) = left_beside_nothing(noise + 2.0 * np.cos(3.0 * yaw), yaw_rad=yaw).shown(20.0)
+    assert found.names == {"yaw_rad|load"} and np.std(found.left) == pytest.approx(0.5, rel=0.05)
+    assert left_beside_nothing(noise, yaw_rad=yaw).shown(20.0) == []
+    small = 0.05 * noise + 0.15 * np.cos(3.0 * yaw)  # clear, and 0.1 % of the load
+    assert left_beside_nothing(small, yaw_rad=yaw).shown(20.0) == []
+
+
+def test_a_gust_is_no_path_in_time_but_what_goes_with_a_velocity_is_told():
+    random = np.random.default_rng(5)
+    gust = np.convolve(random.normal(0.0, 1.0, ROWS + 79), np.ones(80) / 9.0, "valid")
+    time = np.arange(ROWS) / 10.0
+    bump = 4.0 * np.exp(-((np.sin(time) / 0.2) ** 2))
+    noise = random.normal(0.0, 0.5, ROWS)
+    assert left_beside_nothing(gust + noise, time_s=time).shown(13.5) == []
+    (found,) = left_beside_nothing(bump + noise, time_s=time, vel_x_body_m_s=np.sin(time)).shown(13.5)
+    assert found.names == {"vel_x_body_m_s|load"}
 
 
 def test_one_name_at_two_rotors_is_two_sets():
