@@ -16,7 +16,7 @@ import numpy as np
 from coaxlink.frames import Array
 from coaxlink.health.columns import Flight
 from coaxlink.health.evidence import Further, Said, Together, gained, together
-from coaxlink.health.onsets import ROUNDS, Onset, variants
+from coaxlink.health.onsets import ROUNDS, Onset, onsets, variants
 from coaxlink.health.priors import (
     CG_MOVED_M,
     INERTIA_TODAY,
@@ -70,25 +70,18 @@ class Payload:
 def strapped(f: Flight) -> list[Block]:
     """What is further off where something else hangs."""
     cg, inertia = np.sqrt(CG_PAYLOAD_M**2 - CG_MOVED_M**2), np.sqrt(INERTIA_PAYLOAD**2 - INERTIA_TODAY**2)
-    sds = {"cg_": cg, "imu_place": cg, "inertia": inertia}
-    return [
-        replace(b, deviation=np.array([sd]))
-        for b in f.passing
-        for n, sd in sds.items()
-        if b.name.startswith(n)
-    ]
+    return _wider(f, {"cg_": cg, "imu_place": cg, "inertia": inertia})
 
 
 def slides(f: Flight) -> list[Block]:
     """What changes where a load slides, drops or touches something in flight."""
-    sds = {"cg_": CG_PAYLOAD_M, "lift_today": LIFT_TODAY}
-    own = [
-        replace(b, deviation=np.array([sd]))
-        for b in f.passing
-        for n, sd in sds.items()
-        if b.name.startswith(n)
-    ]
-    return [*own, f.yaw_push]
+    return [*_wider(f, {"cg_": CG_PAYLOAD_M, "lift_today": LIFT_TODAY}), f.yaw_push]
+
+
+def _wider(f: Flight, sds: Mapping[str, float]) -> list[Block]:
+    """What may be otherwise today, by how its name begins, with these deviations."""
+    wide = [(b, sd) for b in f.passing for start, sd in sds.items() if b.name.startswith(start)]
+    return [replace(b, deviation=np.array([sd])) for b, sd in wide]
 
 
 @dataclass(frozen=True)
@@ -135,8 +128,6 @@ def compared(flights: Sequence[Flight], *, slides: bool = True) -> Comparison:
 
     The grid of onsets is made finer where something sets in; noise is what the likeliest hypothesis leaves.
     """
-    from coaxlink.health.onsets import onsets
-
     grid = [onsets(f.time_s) for f in flights]
     found = _compared(flights, grid, slides)
     for look in range(ROUNDS + LOOKS):
@@ -178,63 +169,56 @@ def _finer(known: tuple[Onset, ...], gain: Array) -> tuple[Onset, ...]:
 
 
 def _compared(flights: Sequence[Flight], grid: Sequence[tuple[Onset, ...]], may_slide: bool) -> Comparison:
-    count, rotors = len(flights), flights[0].loads.shape[2]
     profiles = [
         np.stack([o.time_profile(f.time_s, f.cutoff_hz) for o in known])
         for f, known in zip(flights, grid, strict=True)
     ]
-    further = [Further(f, f.loads, w) for f, w in zip(flights, profiles, strict=True)]
     drawn = together(flights, {})
-    # payloads, and their log weights without a fault; None is as drawn
+    payloads, without = _payloads(flights, grid, profiles, drawn, may_slide)
+    sound = without + float(np.log(1 - FAULT_ODDS))
+    weighed = list(_faults(flights, grid, profiles, drawn, payloads, without))
+    most = max(float(w.log.max()) for w in weighed)
+    top = max(float(sound.max()), most)
+    masses, faults = np.exp(sound - top), dict[tuple[int, int], Array]()
+    alone = [np.full(len(known), -np.inf) for known in grid]
+    for w in weighed:
+        part = np.exp(w.log - top)
+        masses[w.beside] += part.sum()
+        moments = part * np.stack([np.ones_like(part), w.matters, w.mean, w.mean**2 + w.sd**2])
+        faults[w.since, w.until] = faults.get((w.since, w.until), 0.0) + moments
+        if w.beside == 0:
+            alone[w.since] = np.maximum(alone[w.since], w.log.max(axis=(1, 2)))
+    ways = np.split(sound[1:], np.cumsum([len(known) for known in grid])[:-1])
+    gain = tuple(np.maximum(a, b) - sound[0] for a, b in zip(alone, ways, strict=True))
+    best = max((w for w in weighed if w.beside == 0), key=lambda w: float(w.log.max()))
+    likeliest = payloads[int(np.argmax(sound))]
+    total = float(masses.sum())
+    slid = np.array([bool(p and p.slid) for p in payloads])
+    last = next(w for w in weighed if w.beside == 0 and w.since == len(flights) - 1).information[0]
+    return Comparison(
+        tuple(grid), {k: m / total for k, m in faults.items()}, gain,
+        best.likeliest(grid) if float(best.log.max()) > float(sound.max()) else likeliest,
+        1.0 - float(masses[0]) / total, float(masses[slid].sum()) / total, last, tuple(flights),
+    )  # fmt: skip
+
+
+def _payloads(
+    flights: Sequence[Flight],
+    grid: Sequence[tuple[Onset, ...]],
+    profiles: Sequence[Array],
+    drawn: Together,
+    may_slide: bool,
+) -> tuple[list[Payload | None], Array]:
+    """All payloads, None as drawn, and their log weights without a fault."""
     payloads: list[Payload | None] = [None]
     without = [float(np.log(1 - PAYLOAD_ODDS))]
     for k, (f, w, known) in enumerate(zip(flights, profiles, grid, strict=True)):
-        gains = np.concatenate(
-            [_alone(drawn, k, f, strapped(f), w[:1]), _alone(drawn, k, f, slides(f), w[1:])]
-        )
-        payloads += [Payload(k, o) for o in known]
-        prior = np.log([PAYLOAD_ODDS / count * o.prior for o in known])
+        gains = [_alone(drawn, k, f, strapped(f), w[:1]), _alone(drawn, k, f, slides(f), w[1:])]
+        prior = np.log([PAYLOAD_ODDS / len(flights) * o.prior for o in known])
         prior[1 if not may_slide else len(known) :] = -np.inf
-        without += list(prior + gains)
-    sound = np.array(without) + float(np.log(1 - FAULT_ODDS))
-    weighed: list[tuple[int, int, int, _Weighed]] = []  # since and until which flight, payload
-    for way in _beside(without):
-        p = payloads[way]
-        now = together(flights, {p.flight: p.blocks(flights[p.flight])}) if p else drawn
-        said = [x.beside(now, k) for k, x in enumerate(further)]
-        for since, until, of_them in _spans(said):
-            odds = np.log(FAULT_ODDS / (count * rotors * len(KINDS))) + _lasts(since, until, count)
-            prior = odds + np.log([o.prior for o in grid[since]])[:, None, None] + without[way]
-            each_fault = _weigh(of_them)
-            weighed.append((since, until, way, replace(each_fault, log=each_fault.log + prior)))
-        if p is None:
-            last = said[-1].information[0]
-    top = max(float(sound.max()), *(float(w.log.max()) for *_, w in weighed))
-    masses, faults = np.exp(sound - top), dict[tuple[int, int], Array]()
-    alone = [np.full(len(known), -np.inf) for known in grid]
-    best: Payload | Fault | None = payloads[int(np.argmax(sound))]
-    most = float(sound.max())
-    for since, until, way, found in weighed:
-        part = np.exp(found.log - top)
-        masses[way] += part.sum()
-        moments = part * np.stack(
-            [np.ones_like(part), found.matters, found.mean, found.mean**2 + found.sd**2]
-        )
-        faults[since, until] = faults.get((since, until), 0.0) + moments
-        if way == 0:
-            alone[since] = np.maximum(alone[since], found.log.max(axis=(1, 2)))
-            if float(found.log.max()) > most:
-                most = float(found.log.max())
-                r, rotor, kind = np.unravel_index(int(np.argmax(found.log)), found.log.shape)
-                best = Fault(since, until, grid[since][r], int(rotor), LOADS[kind])
-    ways = np.split(sound[1:], np.cumsum([len(known) for known in grid])[:-1])
-    gain = tuple(np.maximum(a, b) - sound[0] for a, b in zip(alone, ways, strict=True))
-    total = float(masses.sum())
-    slid = np.array([bool(p and p.slid) for p in payloads])
-    return Comparison(
-        tuple(grid), {k: m / total for k, m in faults.items()}, gain, best, 1.0 - float(masses[0]) / total,
-        float(masses[slid].sum()) / total, last, tuple(flights),
-    )  # fmt: skip
+        payloads += [Payload(k, o) for o in known]
+        without += list(prior + np.concatenate(gains))
+    return payloads, np.array(without)
 
 
 def _alone(drawn: Together, k: int, f: Flight, blocks: Sequence[Block], profiles: Array) -> Array:
@@ -243,10 +227,26 @@ def _alone(drawn: Together, k: int, f: Flight, blocks: Sequence[Block], profiles
     return gained(Further(f, columns[:, :, None], profiles).beside(drawn, k), deviation)[:, 0]
 
 
-def _beside(without: Sequence[float]) -> list[int]:
-    """Payloads that are weighed beside faults: as drawn, and the likeliest others."""
-    others = sorted(range(1, len(without)), key=lambda way: -without[way])[:PAYLOADS]
-    return [0, *(way for way in others if without[way] > without[0] + np.log(NEGLIGIBLE))]
+def _faults(
+    flights: Sequence[Flight],
+    grid: Sequence[tuple[Onset, ...]],
+    profiles: Sequence[Array],
+    drawn: Together,
+    payloads: Sequence[Payload | None],
+    without: Array,
+) -> Iterator[_Weighed]:
+    """Every fault beside the payload as drawn, and beside the likeliest others."""
+    further = [Further(f, f.loads, w) for f, w in zip(flights, profiles, strict=True)]
+    count, rotors = len(flights), flights[0].loads.shape[2]
+    others = 1 + np.argsort(-without[1:], kind="stable")[:PAYLOADS]
+    likely = [int(k) for k in others if without[k] > without[0] + np.log(NEGLIGIBLE)]
+    for beside in (0, *likely):
+        p = payloads[beside]
+        now = together(flights, {p.flight: p.blocks(flights[p.flight])}) if p else drawn
+        for since, until, said in _spans([x.beside(now, k) for k, x in enumerate(further)]):
+            odds = np.log(FAULT_ODDS / (count * rotors * len(KINDS))) + _lasts(since, until, count)
+            prior = odds + np.log([o.prior for o in grid[since]])[:, None, None]
+            yield _weighed(said, since, until, beside, prior + without[beside])
 
 
 def _spans(said: Sequence[Said]) -> Iterator[tuple[int, int, Said]]:
@@ -268,19 +268,32 @@ def _lasts(since: int, until: int, count: int) -> float:
 
 @dataclass(frozen=True)
 class _Weighed:
-    """(R, N, K) each: log of the evidence, the lost thrust, and the chance of more than MATTERS."""
+    """Faults set in in flight `since`, mended before `until`, beside one of the payloads.
 
+    (R, N, K) each: log of their weight, the lost thrust, and the chance of more than MATTERS.
+    """
+
+    since: int
+    until: int
+    beside: int
     log: Array
     mean: Array
     sd: Array
     matters: Array
+    information: Array  # (R, N, 3, 3)
+
+    def likeliest(self, grid: Sequence[tuple[Onset, ...]]) -> Fault:
+        """Of all of them."""
+        r, rotor, kind = np.unravel_index(int(np.argmax(self.log)), self.log.shape)
+        return Fault(self.since, self.until, grid[self.since][r], int(rotor), LOADS[kind])
 
 
-def _weigh(said: Said) -> _Weighed:
+def _weighed(said: Said, since: int, until: int, beside: int, prior: Array) -> _Weighed:
     """What each fault gains over none: its size integrated over its prior, thrust lost and not gained."""
     from scipy.special import log_ndtr
 
-    information = np.einsum("kai,rnab,kbj->rnkij", LOADS, said.information, LOADS, optimize=True)
+    all_of_it = said.information
+    information = np.einsum("kai,rnab,kbj->rnkij", LOADS, all_of_it, LOADS, optimize=True)
     score = np.einsum("kai,rna->rnki", LOADS, said.score)
     covariance = np.linalg.inv(information + np.eye(2))
     sizes = np.einsum("rnkij,rnkj->rnki", covariance, score)
@@ -288,4 +301,5 @@ def _weigh(said: Said) -> _Weighed:
     mean, sd = LOSS_SD * sizes[..., 0], LOSS_SD * np.sqrt(covariance[..., 0, 0])
     allowed = log_ndtr(mean / sd)
     matters = np.minimum(np.exp(log_ndtr((mean - MATTERS) / sd) - allowed), 1.0)
-    return _Weighed(gain + np.log(2.0) + allowed, mean, sd, matters)
+    log = prior + gain + np.log(2.0) + allowed
+    return _Weighed(since, until, beside, log, mean, sd, matters, all_of_it)
