@@ -154,15 +154,14 @@ def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS)
         high = max(high, float(np.median(frame.height[frame.keep])))
     options = candidates(high, doublet_acceleration(vehicle))
     table = _tables(airframe, model, known)
-    design = Design(frame, known, update.measured_speeds, high, seconds, table, options)
-    own = FittedLaw(vehicle)
-    pieces, _ = design.chosen(own)
+    design = Design(frame, known, update.measured_speeds, high, seconds, table, options, FittedLaw(vehicle))
+    pieces, _ = design.chosen()
     hovers = [piece for piece in options if piece.cycles == 0] * max(round(seconds / PIECE_S), 1)
     count = len(known.names)
     now, then, still = (
         known.covariance[:count, :count],
-        design.posterior(pieces, own),
-        design.posterior(hovers, own),
+        design.posterior(pieces),
+        design.posterior(hovers),
     )
     sds = (np.sqrt(np.diag(c)) for c in (now, then, still))
     return NextFlight(
@@ -241,20 +240,20 @@ class Design:
         seconds: float,
         table: TableNeeds,
         options: Sequence[Manoeuvre],
+        law: FittedLaw,
     ) -> None:
         self.frame, self.known, self.high, self.seconds = frame, known, high, seconds
-        self.table, self.options = table, options
+        self.table, self.options, self.law = table, options, law
         own = (seconds / (np.sqrt(12.0) * VELOCITY_M_S)) ** 2  # of a slope over the flight: `accelerometer`
         self._zero_sd = float((USUAL_M_S2**-2 + own) ** -0.5)
         self._measured = measured
         self._prior = np.asarray(np.linalg.inv(known.covariance))
-        self._grams: dict[tuple[Manoeuvre, int], Array | None] = {}
-        self._laws: list[FittedLaw] = []  # alive, so that their ids are theirs
+        self._grams: dict[Manoeuvre, Array | None] = {}
         self._passing: Array = np.zeros(0)
 
-    def chosen(self, law: FittedLaw) -> tuple[list[Manoeuvre], float]:
+    def chosen(self) -> tuple[list[Manoeuvre], float]:
         """Pieces one by one until the time is up, and the criterion behind them. Raises InputError."""
-        options = [p for p in self.options if self._gram(p, law) is not None]
+        options = [p for p in self.options if self._gram(p) is not None]
         if not options:
             raise InputError("next flight", "", "no piece of a plan keeps these rotors within their range")
         pieces: list[Manoeuvre] = []
@@ -267,16 +266,16 @@ class Design:
                 return pieces, now
             tried = []
             for piece in fits:
-                gram = self._gram(piece, law)
+                gram = self._gram(piece)
                 assert gram is not None
                 whole = gram if total is None else total + gram
                 tried.append((self._cost(self._with(whole)), piece, whole))
             now, piece, total = min(tried, key=lambda t: t[0])
             pieces.append(piece)
 
-    def posterior(self, pieces: Sequence[Manoeuvre], law: FittedLaw) -> Array:
+    def posterior(self, pieces: Sequence[Manoeuvre]) -> Array:
         """(K, K) covariance of the coefficients behind a flight of these pieces. Raises InputError."""
-        grams = [g for p in pieces if (g := self._gram(p, law)) is not None]
+        grams = [g for p in pieces if (g := self._gram(p)) is not None]
         if len(grams) < len(pieces):
             raise InputError("next flight", "", "a piece of this plan leaves the rotors' range")
         count = len(self.known.names)
@@ -293,17 +292,15 @@ class Design:
         cross = gram[:L, L:]
         return np.asarray(self._prior + gram[:L, :L] - cross @ np.linalg.solve(own, cross.T))
 
-    def _gram(self, piece: Manoeuvre, law: FittedLaw) -> Array | None:
+    def _gram(self, piece: Manoeuvre) -> Array | None:
         """X'X of a piece, whitened as the past flights' rows; None where the rotors leave their range."""
-        key = (piece, id(law))
-        if key not in self._grams:
-            self._laws.append(law)
-            self._grams[key] = self._made(piece, law)
-        return self._grams[key]
+        if piece not in self._grams:
+            self._grams[piece] = self._made(piece)
+        return self._grams[piece]
 
-    def _made(self, piece: Manoeuvre, law: FittedLaw) -> Array | None:
+    def _made(self, piece: Manoeuvre) -> Array | None:
         try:
-            log = flown(self.frame, [piece], self.high, law)
+            log = flown(self.frame, [piece], self.high, self.law)
             planned = flight_frame([log], self.frame.airframe, self.frame.model)
         except CoaxlinkError:
             return None

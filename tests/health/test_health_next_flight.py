@@ -100,12 +100,12 @@ def test_no_other_choice_of_a_piece_is_better_than_the_last_one(planned, hovered
     law = FittedLaw(Vehicle(vehicle.airframe, model))
     options = candidates(4.0, 1.0)
     frame = replace(update.known.frame, model=model)
-    design = room.Design(frame, update.known, True, 4.0, 36.0, planned.table, options)
-    pieces, left = design.chosen(law)
+    design = room.Design(frame, update.known, True, 4.0, 36.0, planned.table, options, law)
+    pieces, left = design.chosen()
     tried = 0
     for other in options:
         try:
-            cost = planned.table.cost(design.posterior([*pieces[:-1], other], law))
+            cost = planned.table.cost(design.posterior([*pieces[:-1], other]))
         except InputError:
             continue
         tried += 1
