@@ -138,14 +138,11 @@ class TableNeeds:
         return np.array([sd[0], sd[1:].max()])
 
 
-def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS) -> NextFlight:
+def next_flight(update: Update, airframe: Airframe) -> NextFlight:
     """The plan for the vehicle's next flight, on a table made of `update.model`.
 
-    `seconds` are filled with pieces of PIECE_S. Raises InputError where there is no room for one, and where
-    the vehicle cannot fly any.
+    SECONDS are filled with pieces of PIECE_S. Raises InputError where the vehicle cannot fly any.
     """
-    if seconds < PIECE_S:
-        raise InputError("next flight", "seconds", f"{PIECE_S:g} s or more are expected, found {seconds:g}")
     known, model = update.known, replace(update.model, effects=())
     vehicle = Vehicle(airframe, model)
     frame = replace(known.frame, model=model)
@@ -154,9 +151,9 @@ def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS)
         high = max(high, float(np.median(frame.height[frame.keep])))
     options = candidates(high, doublet_acceleration(vehicle))
     table = _tables(airframe, model, known)
-    design = Design(frame, known, update.measured_speeds, high, seconds, table, options, FittedLaw(vehicle))
+    design = Design(frame, known, update.measured_speeds, high, SECONDS, table, options, FittedLaw(vehicle))
     pieces, _ = design.chosen()
-    hovers = [piece for piece in options if piece.cycles == 0] * max(round(seconds / PIECE_S), 1)
+    hovers = [piece for piece in options if piece.cycles == 0] * round(SECONDS / PIECE_S)
     count = len(known.names)
     now, then, still = (
         known.covariance[:count, :count],

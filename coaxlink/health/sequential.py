@@ -182,10 +182,6 @@ class SequentialTest:
             return Verdict(block.time_s, False, (), 0.0)
         return self._weigh(block, lift)
 
-    def called(self) -> None:
-        """A rotor was called and its loss is in the vehicle's model from now on: look for the next one."""
-        self._forget_onsets()
-
     def _filter(self, block: HealthInterval, lift: float) -> None:
         """Predict and update all filters, and the signatures of all onsets."""
         known = np.isfinite(block.measured)

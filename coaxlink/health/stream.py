@@ -56,9 +56,7 @@ class Stream:
     1 False
     """
 
-    def __init__(self, vehicle: Vehicle, block_s: float = BLOCK_S) -> None:
-        """`block_s`: how long a block is, or one period of the readings where that is longer."""
-        self._block_s = block_s
+    def __init__(self, vehicle: Vehicle) -> None:
         frame = vehicle.airframe
         self.vehicle, self.count = vehicle, len(frame.rotors)
         self._rotors = PlainRotors.of(vehicle)
@@ -80,11 +78,6 @@ class Stream:
         self._begin = self._turned = np.zeros(3)
         self._felt, self._heard = 0.0, 0
         self._before: tuple[float, Array] | None = None
-
-    @property
-    def speeds(self) -> Array:
-        """(N,) normalised, as of the newest reading."""
-        return self._speeds
 
     def command(self, time_s: float, commands: Sequence[float]) -> None:
         """Normalised commands (N,) in 0..1 at that time. What is not finite is passed over."""
@@ -133,7 +126,7 @@ class Stream:
         self._total, self._sum = self._total + self._sum, np.zeros(self.count)
         self._felt, self._heard = self._felt + accel_z, self._heard + 1
         self._turned = self._turned + rates
-        if time_s - self._start_s < self._block_s - 1e-3:
+        if time_s - self._start_s < BLOCK_S - 1e-3:
             return None
         block = self._block(time_s, time_s - self._start_s, rates)
         self._begin_at(time_s, rates)
