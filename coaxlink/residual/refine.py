@@ -36,7 +36,7 @@ from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.channels.row_order import in_order_of_time
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
-from coaxlink.residual.faults.contradictions import motors_too_many
+from coaxlink.residual.faults.flight_faults import motors_too_many
 from coaxlink.residual.nuisance.flight_corrections import (
     ACCEL_BIAS_M_S2,
     LEVEL,

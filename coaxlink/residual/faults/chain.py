@@ -8,9 +8,10 @@ the given rotor model, or what the other rows of the same log agree on. Rabiner,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +42,11 @@ from coaxlink.residual.faults.yardstick import (
     Yardstick,
     curves_of,
     nats_of,
-    places,
     yardstick_of,
 )
 
 # priors: name = value  # unit, source
-TELLING, PLACES = 4, 3  # rows, places: one change of speed, with a lag in it, may look like anything
 LIKE = 0.05  # of full speed: rows at like speeds
-RANGE = 0.2  # of the reference load: over which a gain must be seen
 CLOSER, NEAR, OFF = 4.0, 4.0, 25.0  # times; squared tolerances, of each channel; more is off, by however much
 SLIP = 0.01  # of the speed: a motor's curve of throttle is told to that
 GAIN, OTHER = 0.05, 0.25  # of the load: spans drift by less within a log; of that, by the rotor's other load
@@ -183,7 +181,7 @@ def _slips(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[S
         rows &= np.abs(stick.frame.measured[:, c] - due[:, c]) > 3.0 * stick.tolerance[c]
         off = stick.frame.measured[rows, c] / due[rows, c]
         for times in (off[off > 1.0], off[off < 1.0]):
-            factor = float(np.median(times)) if len(times) >= TELLING else 1.0
+            factor = float(np.median(times)) if len(times) else 1.0
             if abs(factor - 1.0) > GAIN:
                 says = f"reads {100 * (factor - 1.0):+.0f} % here, and the rotor's other load does not"
                 out.append(State(COLUMN_OF[STAND_CHANNELS[c]], says, (c,), factor=factor))
@@ -194,7 +192,7 @@ def _slips(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[S
         rows &= np.abs(stick.frame.speeds[:, side] - due[:, c]) > 3.0 * stick.tolerance[c]
         off = stick.frame.speeds[rows, side] / due[rows, c]
         for times in (off[off > 1.0], off[off < 1.0]):
-            if len(times) >= TELLING and abs(float(np.median(times)) - 1.0) > SLIP:
+            if len(times) and abs(float(np.median(times)) - 1.0) > SLIP:
                 out.append(State(RPM[side], AGREED, side=side, ratio=float(np.median(times))))
     return out
 
@@ -210,12 +208,12 @@ def _possible(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> lis
         loaded = usable & (np.abs(due[:, c]) > LOADED * stick.reference[c])
         share = frame.measured[loaded, c] / due[loaded, c]
         off = share[(share < PHYSICS[0]) | (share > PHYSICS[1])]
-        factor = float(np.median(off)) if len(off) >= TELLING else 1.0
+        factor = float(np.median(off)) if len(off) else 1.0
         if not PHYSICS[0] < factor < PHYSICS[1] and abs(factor) > 1e-4:
             out.append(State(name, scale_words(c, factor), (c,), factor=factor))
     for side in (0, 1) if not frame.driven else ():
         loads = [c for c in (2 * side, 2 * side + 1) if c in frame.present]
-        if np.sum(usable & ~possible[:, loads].all(axis=1)) < TELLING:  # as pulses miscounted make them
+        if not np.any(usable & ~possible[:, loads].all(axis=1)):  # as pulses miscounted make them
             continue
         says, ratios = "the loads show another speed, pulses are counted wrong", set(RATIOS)
         if 4 + side in frame.present:
@@ -224,7 +222,7 @@ def _possible(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> lis
             turns = usable & (usual > LOADED * stick.reference[4 + side])
             times = frame.speeds[turns, side] / usual[turns]
             off = times[np.abs(times - 1.0) > 3.0 * TOLERANCE]
-            usually = float(np.median(off)) if len(off) >= TELLING else 1.0
+            usually = float(np.median(off)) if len(off) else 1.0
             if all(abs(usually / r - 1.0) > TOLERANCE for r in (1.0, *RATIOS)):
                 ratios.add(usually)
         out += [State(RPM[side], says, side=side, ratio=r) for r in sorted(ratios) if r > 0.05]
@@ -245,29 +243,35 @@ def _states(stick: Yardstick, usable: Mask, fine: bool) -> tuple[list[Said], flo
     for k, state in enumerate(states):  # a chain of all of them is dear
         mine = np.zeros(len(usable), bool)
         mine[rows[won[:, k] > 1.0]] = True
-        if mine.sum() >= TELLING and _closer(stick, state, mine, due):
+        if mine.any() and _closer(stick, state, mine, due):
             likely.append(k)
     states, won = [states[k] for k in likely], won[:, likely]
-    while states:
-        path = viterbi(won)
-        bad, found, explained = [], [], 0.0
-        for k, state in enumerate(states):
-            mine = np.zeros(len(usable), bool)
-            mine[rows[path == k]] = True
-            if not mine.any():
-                continue
-            gained = won[path == k, k]
-            said = _borne_out(stick, state, mine, usable, gained, due)
-            if said is None:
-                bad.append(k)
-            else:
-                found.append(said)
-                explained += float(gained.sum())
+
+    def borne_out(k: int, mine: Mask) -> Said | None:
+        at = np.zeros(len(usable), bool)
+        at[rows[mine]] = True
+        return _borne_out(stick, states[k], at, usable, won[mine, k], due)
+
+    found = settled(won, borne_out)
+    explained = sum(float(won[mine, k].sum()) for k, mine, _ in found)
+    return [said for *_, said in found], against - explained
+
+
+def settled(won: Array, borne_out: Callable[[int, Mask], Any]) -> list[tuple[int, Mask, Any]]:
+    """States that hold in some rows, these (rows,), and what is said of it: those that are borne out.
+
+    won (rows, K): nats by which each beats the sound one. Without one that is not, the path is another.
+    """
+    keep = list(range(won.shape[1]))
+    while keep:
+        path = viterbi(won[:, keep])
+        held = [(k, path == i) for i, k in enumerate(keep) if np.any(path == i)]
+        found = [(k, mine, borne_out(k, mine)) for k, mine in held]
+        bad = {k for k, _, said in found if said is None}
         if not bad:
-            return found, against - explained
-        keep = [k for k in range(len(states)) if k not in bad]
-        states, won = [states[k] for k in keep], won[:, keep]
-    return [], against
+            return found
+        keep = [k for k in keep if k not in bad]
+    return []
 
 
 def viterbi(won: Array) -> NDArray[np.intp]:
@@ -303,29 +307,16 @@ def _borne_out(
 ) -> Said | None:
     """The rows of a state, all where nearly all are; none without enough speeds and loads that show it."""
     frame = stick.frame
-    if state.one_cell:
-        (c,) = state.channels
-        rows = _abrupt(rows, frame.measured[:, c], due[:, c], stick.reference[c])
-        if not rows.any():
-            return None
-    if float(won.sum()) - len(runs_of(rows)) * BEGINS < SURE or np.sum(won > 1.0) < TELLING:
-        return None
-    if places(frame.speeds[rows]) < PLACES:
+    if float(won.sum()) - len(runs_of(rows)) * BEGINS < SURE:
         return None
     whole = rows.sum() >= WHOLE * usable.sum()
     if state.one_cell:
         (c,) = state.channels
-        if np.ptp(due[rows, c]) < RANGE * stick.reference[c]:
-            return None
         unnamed = not whole and state.factor and not named(c, state.factor)[1]
         if unnamed and not _touched(stick, state, rows, usable, due):
             return None
     times = _closer(stick, state, rows, due)
     if not times:
-        return None
-    if not state.factor and not _read_elsewhere(
-        frame, rows, usable, due[:, state.channels[0]], state.channels[0]
-    ):
         return None
     reads = np.ones(len(rows))
     if state.side >= 0:
@@ -348,26 +339,6 @@ def _closer(stick: Yardstick, state: State, rows: Mask, due: Array) -> float:
     times = float(np.sqrt(before.mean() / max(float(after.mean()), 1e-12)))
     few, many = (np.minimum(x, OFF).mean(axis=0) for x in (after, before))
     return times if times > CLOSER and np.all(few < np.minimum(many / 2.0, NEAR)) else 0.0
-
-
-def _abrupt(rows: Mask, read: Array, due: Array, size: float) -> Mask:
-    """The runs beside which the load is read: what physics does begins and ends by degrees."""
-    out = rows.copy()
-    for first, end in runs_of(rows):
-        for beside in (slice(max(first - 2, 0), first), slice(end, end + 2)):
-            loaded = np.abs(due[beside]) > LOADED * size
-            share = read[beside][loaded] / due[beside][loaded]
-            if len(share) and not np.any((share > 0.5) & (share < PHYSICS[1])):
-                out[first:end] = False
-    return out
-
-
-def _read_elsewhere(frame: StandFrame, rows: Mask, usable: Mask, due: Array, c: int) -> bool:
-    """Whether most of these rows have others at like speeds that read the load: else it has none there."""
-    others = np.flatnonzero(usable & ~rows)
-    far, near = cKDTree(frame.speeds[others]).query(frame.speeds[rows], k=2, distance_upper_bound=LIKE)
-    share = np.append(frame.measured[others, c], np.nan)[near] / due[rows][:, None]
-    return bool(np.mean(np.isfinite(far).all(axis=1) & (share > 0.5).all(axis=1)) > 0.5)
 
 
 def _touched(stick: Yardstick, state: State, rows: Mask, usable: Mask, due: Array) -> bool:

@@ -1,67 +1,92 @@
 """Flight data that cannot be what their labels say: stuck or reversed sensors, repeats, swapped motors.
 
 Found before anything is fitted; the rows are left out, or, where every row is concerned, nothing is claimed.
+Each way in which columns may lie is a state of a hidden Markov chain over the windows of a flight: it undoes
+one fault (another scale, unit or sign, labels exchanged), and counts by how much nearer the columns then are
+to what the others make of them (`kinematics`). What repeats digit by digit is told by that alone, or, where
+the column is coarse, with what it should have read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.logs.flight import impossible_commands
+from coaxlink.data.logs.flight import MOTOR, impossible_commands
+from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
-from coaxlink.frames import Array, FlightFrame
+from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
 from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
-from coaxlink.residual.faults.contradictions import contradicted, motors_too_many
-from coaxlink.residual.faults.repeated_readings import DEAD, copied, stuck
+from coaxlink.residual.faults.chain import settled
+from coaxlink.residual.faults.kinematics import (
+    ACCEL,
+    ANGLES,
+    COARSE,
+    COLUMNS,
+    FINEST,
+    GYRO,
+    HEIGHT,
+    LEAST_WINDOWS,
+    SHARE,
+    VELOCITY,
+    Kinematics,
+    Linear,
+    flying_rows,
+    independent,
+    kinematics_of,
+    linear_of,
+    noise_of,
+    step_of,
+)
+from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine
 from coaxlink.residual.faults.stand_faults import rows_text
-from coaxlink.residual.faults.states import Mask, runs_of
+from coaxlink.residual.faults.states import WHOLE, Mask, runs_of
+from coaxlink.residual.faults.yardstick import BEGINS, SURE, nats_of
 from coaxlink.residual.result import Suspect
-from coaxlink.signals import derivative, low_pass
+from coaxlink.signals import low_pass
 
+Finding = tuple[str, Mask, str]  # column, rows, why
+# priors: name = value  # unit, source
+STUCK_S = 0.5  # less is a packet that was lost
+WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
+LINEAR, STEP = 0.5, 1e-3  # of a command's variance: judgement; 1 us of PWM's 1000
+MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
 # times what the exchange leaves: one failing rotor, or a centre of mass, that leaves less explains as much
-FAILS = 3.0
-REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
-# a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
-SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
+FAILS, PIECES = 3.0, 8  # and parts of the flight, each of which has to bear it out
 # what moves the vehicle before its command (judgement: twice what clocks of one autopilot are apart); shifts
 # that are tried, band of the torques that tell, and how like the two must be where one is shifted
 LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
-SPARED = {"height_m", "voltage_V"}  # columns a flight can be judged without
+SPARED = {HEIGHT, "voltage_V"}  # columns a flight can be judged without
+TOLD_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
+EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
 
 
 def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[Suspect], Mask, bool]:
     """Suspects, (frame rows,) mask of rows to leave out, and whether the log as a whole is wrong.
 
-    It is where a label is, a gyro's sign or scale, or where a sensor was dead for most of the flight.
+    It is where a label, a sign or a scale is, or where a sensor was dead for most of the flight.
     """
     out: list[Suspect] = []
     bad, dead = np.zeros(len(frame.time_s), bool), False
+    rotors = {r.number for r in frame.airframe.rotors}
     for number, log in enumerate(logs):
-        for column, rows, why in [*stuck(log), *copied(log)]:
+        for column, rows, why in column_faults(log):
             out.append(Suspect(column, rows_text(rows), why))
-            mine = frame.log == number
-            bad |= mine & _around(frame.time_s, log["time_s"], rows)
-            dead |= rows.mean() > DEAD
-        rotors = {r.number for r in frame.airframe.rotors}
+            if column not in SPARED:
+                bad |= (frame.log == number) & _around(frame.time_s, log["time_s"], rows)
+                dead |= rows.mean() > 0.5
         out += _impossible(log, rotors)
-        for column, rows, why in [*motors_too_many(log, rotors), *contradicted(log)]:
+        for column, rows, why in motors_too_many(log, rotors):
             out.append(Suspect(column, rows_text(rows), why))
-            dead |= column not in SPARED
-    wrong = [*_reversed(frame), *_swapped(frame), *_early(frame)]
+            dead = True
+    # of sensors that lie torques tell nothing
+    wrong = [] if dead else [*_swapped(frame), *_early(frame)]
     return [*out, *wrong], bad, bool(wrong) or dead
-
-
-def _impossible(log: Samples, rotors: set[int]) -> list[Suspect]:
-    """Motors commanded outside 0..1; the frame has a gap there."""
-    outside = {f"motor{n}": impossible_commands(log[f"motor{n}"]) for n in sorted(rotors)}
-    why = "commands outside 0..1, as of damaged packets: what follows from them is left out"
-    return [Suspect(name, rows_text(rows), why) for name, rows in outside.items() if rows.any()]
 
 
 def without_flagged(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFrame:
@@ -69,7 +94,7 @@ def without_flagged(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFr
     flagged = {s.column for s in suspects}
     return replace(
         frame,
-        height=None if "height_m" in flagged else frame.height,
+        height=None if HEIGHT in flagged else frame.height,
         voltage=None if "voltage_V" in flagged else frame.voltage,
     )
 
@@ -83,24 +108,185 @@ def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
     return out
 
 
-def _reversed(frame: FlightFrame) -> list[Suspect]:
-    """A gyro that turns against the attitude that the same log tells, or by another factor than one."""
-    out = []
-    slow, slower = (_turning(frame, hz) for hz in SCALE_HZ)
-    for k, axis in enumerate("xyz"):
-        gyro, attitude_rate = (x[frame.keep, k] for x in _turning(frame, frame.cutoff_hz))
-        if np.std(attitude_rate) < 0.02 or np.std(gyro) < 0.02:
+def _impossible(log: Samples, rotors: set[int]) -> list[Suspect]:
+    """Motors commanded outside 0..1; the frame has a gap there."""
+    outside = {f"motor{n}": impossible_commands(log[f"motor{n}"]) for n in sorted(rotors)}
+    why = "commands outside 0..1, as of damaged packets: what follows from them is left out"
+    return [Suspect(name, rows_text(rows), why) for name, rows in outside.items() if rows.any()]
+
+
+def column_faults(log: Samples) -> list[Finding]:
+    """(column, (rows,) mask, why) of what cannot be, whatever the rotors do."""
+    kin = kinematics_of(log)
+    copied = copied_rows(np.stack([log[name] for name in IMU_COLUMNS], axis=1))
+    found: list[Finding] = []
+    if copied.any():
+        found.append(("accel_*, gyro_*", copied, "these readings stand in the log before, digit by digit"))
+    for name, rows in _held(log).items():
+        stuck = rows if _is_fine(log, name) else _proven(kin, name, rows)
+        if stuck.any():
+            told = "the gyros tell that the vehicle turns" if name in ANGLES else "the vehicle flies"
+            found.append((name, stuck, f"one reading repeats exactly while {told}"))
+    gone = np.logical_or.reduce([copied, *(rows for _, rows, _ in found)])
+    if len(kin.first) >= LEAST_WINDOWS:
+        found += _Judged.of(kin, ~kin.touches(gone)).chained(log.rows)
+    return [*found, *_voltage(log)]
+
+
+def _held(log: Samples) -> dict[str, Mask]:
+    """Rows of a column in which one reading repeats for so long that it is no accident, in flight."""
+    flying, least = flying_rows(log), STUCK_S / max(step_of(log), 1e-9)
+    out: dict[str, Mask] = {}
+    for name, values in log.columns.items():
+        if name not in COLUMNS:
             continue
-        agreement = float(np.corrcoef(gyro, attitude_rate)[0, 1])
-        if agreement < REVERSED:
-            why = f"its sign is reversed: against the attitude's own rate the correlation is {agreement:.2f}"
-            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
-            continue
-        scales = [_scale(frame, gyro[:, k], attitude_rate[:, k]) for gyro, attitude_rate in (slow, slower)]
-        if all(low > 1.0 + SCALE for low, _ in scales) or all(high < 1.0 - SCALE for _, high in scales):
-            why = f"it reads {np.mean(scales[-1]):.2f} times the attitude's own rate: its scale is wrong"
-            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+        rows = np.zeros(log.rows, bool)
+        for a, b in held_runs(values, least):
+            rows[a:b] = flying[a:b].mean() > 0.5
+        if rows.any():
+            out[name] = rows
     return out
+
+
+def _is_fine(log: Samples, name: str) -> bool:
+    """Whether a column does not repeat for its resolution; one that never moves has its neighbours'."""
+    family = next((f for f in (ACCEL, GYRO, VELOCITY) if name in f), ())
+    if not family:
+        return False  # angles and heights may stand still with the vehicle
+    steps = {n: log.resolution.get(n, resolution_of(log[n])) for n in family}
+    if np.isfinite(steps[name]):
+        return is_fine(log[name], steps[name])
+    least = min((s for s in steps.values() if np.isfinite(s)), default=np.nan)
+    return not any(is_coarse(log[n], least) for n in family)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """The windows of a log, and what zeros and scales within their bounds leave of their misses."""
+
+    kin: Kinematics
+    misses: Array  # (windows, 7)
+    linear: Linear
+    sound: Array  # (windows, 7)
+
+    @classmethod
+    def of(cls, kin: Kinematics, usable: Mask) -> _Judged:
+        misses = kin.misses()
+        usable = usable if usable.sum() >= LEAST_WINDOWS else np.ones_like(usable)
+        linear = linear_of(kin, usable)
+        sound = linear.left(misses, noise_of(misses[usable]))
+        return cls(kin, misses, linear, linear.left(misses, noise_of(sound[usable])))
+
+    def chained(self, rows: int) -> Iterator[Finding]:
+        """Columns that lie in some of the log's rows or in all of them, by the most probable states."""
+        usable = self.linear.usable
+        found = list(self._states())
+        left = [self.linear.left(misses, noise_of(misses[usable])) for *_, misses in found]
+        sigma = np.min([noise_of(x[usable]) for x in (self.sound, *left)], axis=0)
+        best = min((self.sound, *left), key=lambda x: float(np.sum(nats_of(x[usable] / sigma))))
+        share = independent(best[usable] / sigma)
+        against = nats_of(self.sound / sigma)
+        won = np.stack([(against - nats_of(x / sigma)) @ share for x in left], axis=1)
+        won[~usable] = 0.0
+
+        def borne_out(k: int, mine: Mask) -> Mask | None:
+            return mine if float(won[mine, k].sum()) - len(runs_of(mine)) * BEGINS > SURE else None
+
+        for k, mine, _ in settled(won, borne_out):
+            at = np.ones(rows, bool)
+            if mine.sum() < WHOLE * usable.sum():
+                at[:] = False
+                for a, b in runs_of(mine):
+                    at[self.kin.first[a] : self.kin.first[b - 1] + self.kin.size] = True
+            yield found[k][0], at, found[k][1]
+
+    def _states(self) -> Iterator[tuple[str, str, Array]]:
+        """Ways in which columns may lie: their names, in words, the misses (windows, 7) without it."""
+        log, usable = self.kin.columns, self.linear.usable
+        for names, change in self.linear.exchanges.items():
+            yield names, EXCHANGED, self.misses + change
+        roll, pitch, _ = ANGLES
+        there = self.kin.misses(**{roll: log[pitch], pitch: log[roll]})
+        yield f"{roll}, {pitch}", EXCHANGED, there
+        for name in ANGLES:
+            why = "it goes against what the gyros tell: its sign is wrong"
+            yield name, why, self.kin.misses(**{name: -log[name]})
+        sigma = noise_of(self.sound[usable])
+        off = usable & np.any(np.abs(self.sound) > 3.0 * sigma, axis=1)
+        for name, twice in self.linear.scales.items():
+            for at in (usable, off):
+                times = self.linear.scale(name, self.misses, sigma, at) if at.any() else 1.0
+                if SHARE[name][0] <= 1.0 / times <= SHARE[name][1]:
+                    continue
+                told, what = TOLD_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
+                why = f"it reads {1.0 / times:.3g} times what the {told} would have: its {what} is wrong"
+                yield name, why, self.misses + (times - 1.0) * twice
+
+
+def _proven(kin: Kinematics, name: str, held: Mask) -> Mask:
+    """(rows,) runs of a coarse column in which the others differ from it by more than elsewhere."""
+    out = np.zeros_like(held)
+    if len(kin.first) < LEAST_WINDOWS:
+        return out
+    usable = ~kin.touches(held)
+    off, channel = kin.along(name, _Judged.of(kin, usable).sound)
+    elsewhere = usable.sum() >= LEAST_WINDOWS  # one that never moved is held against what sound ones do
+    sigma = FINEST[channel]
+    if elsewhere:
+        spread = 1.4826 * float(np.median(np.abs(off[usable])))
+        sigma = max(spread, FINEST[channel] * COARSE)
+    against = nats_of(off / sigma)
+    usual = float(np.mean(against[usable])) if elsewhere else 1.0
+    for a, b in runs_of(held):
+        inside = (kin.first >= a) & (kin.first + kin.size < b)
+        out[a:b] = float(np.sum(against[inside] - usual)) > SURE
+    return out
+
+
+def motors_too_many(log: Samples, rotors: set[int]) -> list[Finding]:
+    """Motors that work as the others do, of other numbers than the airframe's rotors."""
+    numbers = sorted(int(found[1]) for n in log.columns if (found := MOTOR.fullmatch(n)))
+    flown = flying_rows(log)
+    commands = {n: np.clip(np.nan_to_num(log[f"motor{n}"][flown]), 0.0, 1.0) for n in numbers}
+    known = [commands[n] for n in numbers if n in rotors]
+    least = min((float(u.sum()) for u in known), default=0.0)
+    more = [
+        n
+        for n in numbers
+        if n not in rotors and float(commands[n].sum()) > WORKS * least > 0.0 and _mixed(commands[n], known)
+    ]
+    if not more:
+        return []
+    names = ", ".join(f"motor{n}" for n in more)
+    why = f"the airframe has {len(rotors)} rotors, and these work as theirs do: it is another vehicle's file"
+    return [(names, np.ones(log.rows, bool), why)]
+
+
+def _mixed(command: Array, known: list[Array]) -> bool:
+    """Whether a command (rows,) is of the same mixer: linear in the known motors', and rises where all do.
+
+    Four demands move them all, and thrust moves all alike. A gripper or a landing gear rests where it was
+    put; a gimbal goes along with tilt, and not with thrust.
+    """
+    free = len(command) - len(known) - 1
+    spread = float(np.var(command))
+    if free <= 0 or spread <= STEP**2:
+        return False
+    columns = np.stack([np.ones(len(command)), *known], axis=1)
+    slopes = np.linalg.lstsq(columns, command, rcond=None)[0]
+    left = command - columns @ slopes
+    return float(left @ left) < (1.0 - LINEAR) * free * spread and float(slopes[1:].sum()) > WORKS
+
+
+def _voltage(log: Samples) -> list[Finding]:
+    if not log.has("voltage_V"):
+        return []
+    measured = log["voltage_V"][np.isfinite(log["voltage_V"])]
+    usual = float(np.median(measured)) if len(measured) else 0.0
+    if not usual > MOST_V:
+        return []
+    why = f"{usual:.0f} V is no supply of a vehicle: millivolts would be {usual / 1000.0:.1f} V"
+    return [("voltage_V", np.ones(log.rows, bool), why)]
 
 
 def _early(frame: FlightFrame) -> list[Suspect]:
@@ -160,58 +346,6 @@ def _shifted(frame: FlightFrame, loads: Array, later_s: float) -> Array:
         return np.stack([np.interp(time - later_s, time, x) for x in loads[rows].T], axis=1)
 
     return _stretches(frame, earlier)
-
-
-def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
-    """(rows, 3) body rates below a frequency, as the gyro tells them and as the logged attitude turns."""
-    attitude = frame.extra.get("logged_attitude", frame.attitude)  # as logged: nothing of the gyro in it
-
-    def turned(rows: NDArray[np.intp]) -> Array:
-        smooth = low_pass(np.unwrap(attitude[rows], axis=0), frame.rate_hz, frame.cutoff_hz)
-        return derivative(smooth, frame.rate_hz)
-
-    rate, gyro = _stretches(frame, turned), frame.rates
-    roll, pitch = attitude[:, 0], attitude[:, 1]
-    body = np.stack(
-        [
-            rate[:, 0] - rate[:, 2] * np.sin(pitch),
-            rate[:, 1] * np.cos(roll) + rate[:, 2] * np.sin(roll) * np.cos(pitch),
-            -rate[:, 1] * np.sin(roll) + rate[:, 2] * np.cos(roll) * np.cos(pitch),
-        ],
-        axis=1,
-    )
-    if cutoff_hz < frame.cutoff_hz:
-        gyro, body = (
-            _stretches(frame, lambda rows, x=x: low_pass(x[rows], frame.rate_hz, cutoff_hz))  # type: ignore[misc]
-            for x in (gyro, body)
-        )
-    return gyro, body
-
-
-def _scale(frame: FlightFrame, gyro: Array, attitude_rate: Array) -> tuple[float, float]:
-    """Between what gyro over attitude's rate (rows,) lies: four sigma, pieces of the flight left out in turn.
-
-    A delay between the two is fitted beside. With the gyro on the right side its noise makes the factor seem
-    larger, with the attitude's rate there that one's noise makes it seem smaller: it lies between the two.
-    """
-    late = _stretches(frame, lambda rows: derivative(gyro[rows], frame.rate_hz))
-    columns = np.stack([gyro, late, np.ones(len(gyro))], axis=1)[frame.keep]
-    pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
-    grams = np.stack([columns[p].T @ columns[p] for p in pieces])
-    moments = np.stack([columns[p].T @ attitude_rate[frame.keep][p] for p in pieces])
-    whole, ridge = grams.sum(axis=0), 1e-12 * np.trace(grams.sum(axis=0)) * np.eye(3)
-
-    def factor(gram: Array, moment: Array) -> float:
-        return 1.0 / max(float(np.linalg.solve(gram + ridge, moment)[0]), 1e-3)
-
-    parts = np.array(
-        [factor(whole - g, moments.sum(axis=0) - m) for g, m in zip(grams, moments, strict=True)]
-    )
-    reach = 4.0 * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
-    high = factor(whole, moments.sum(axis=0))
-    fit = columns @ np.linalg.solve(whole + ridge, moments.sum(axis=0))
-    like = float(np.var(fit) / max(float(np.var(attitude_rate[frame.keep])), 1e-12))
-    return (high * like - reach, high + reach) if like > 0.5 else (-np.inf, np.inf)
 
 
 def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:

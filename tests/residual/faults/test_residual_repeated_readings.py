@@ -8,7 +8,7 @@ from case_table import case_table
 
 from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
-from coaxlink.residual.faults.repeated_readings import copied, stuck
+from coaxlink.residual.faults.flight_faults import column_faults
 
 MG, MRAD = 9.80665e-3, 1e-3
 RATE = 50.0
@@ -67,7 +67,7 @@ def test_coarse_steps_are_neither_stuck_nor_copied() -> None:
                 log = rounded(flight(noise=noise, ground_s=40.0))
                 still = np.diff(log["gyro_z_rad_s"]) == 0.0
                 assert still.mean() > 0.3  # it does repeat itself
-                assert not stuck(log) and not copied(log)
+                assert not column_faults(log)
 
 
 def test_a_stuck_axis_is_found_whatever_its_resolution() -> None:
@@ -80,7 +80,7 @@ def test_a_stuck_axis_is_found_whatever_its_resolution() -> None:
                     first = int(28 * RATE)  # in a stretch in which much happens
                     values[first : first + 250] = values[first]
                     log = log.with_columns(**{column: values})
-                    found = stuck(rounded(log) if coarse else log)
+                    found = column_faults(rounded(log) if coarse else log)
                     assert [name for name, _, _ in found] == [column]
                     rows = np.flatnonzero(found[0][1])
                     assert abs(rows[0] - first) <= 12 and abs(rows[-1] - first - 249) <= 12
@@ -91,7 +91,7 @@ def test_an_axis_that_never_worked_is_found() -> None:
         for coarse in (False, True):
             with case(f"{coarse}"):
                 log = flight().with_columns(gyro_y_rad_s=np.zeros(3000))
-                found = stuck(rounded(log) if coarse else log)
+                found = column_faults(rounded(log) if coarse else log)
                 assert [name for name, _, _ in found] == ["gyro_y_rad_s"] and found[0][1].mean() > 0.9
 
 
@@ -105,7 +105,7 @@ def test_a_copied_stretch_is_found_whatever_its_resolution() -> None:
                 moved = {n: log[n].copy() for n in names}
                 for values in moved.values():
                     values[2000:2200] = values[1300:1500]
-                ((_, rows, why),) = copied(log.with_columns(**moved))
+                ((_, rows, why),) = column_faults(log.with_columns(**moved))
                 assert "stand in the log before" in why
                 at = np.flatnonzero(rows)
                 assert at[0] == pytest.approx(2000, abs=3) and at[-1] == pytest.approx(2199, abs=3)
