@@ -34,10 +34,14 @@ def held_runs(values: Array, least: float = STUCK_ROWS) -> list[tuple[int, int]]
     """
     same = np.concatenate([[False], values[1:] == values[:-1]])
     runs = [(a - 1, b) for a, b in runs_of(same)]
-    long = [(a, b) for a, b in runs if b - a >= max(least, STUCK_ROWS)]
-    others = float(same.sum() - sum(b - a - 1 for a, b in long))
-    chance = (others + 1.0) / (len(values) - sum(b - a for a, b in long) + 2.0)
-    return [(a, b) for a, b in long if -(b - a - 1) * np.log(chance) > np.log(len(values) / BY_CHANCE)]
+    count, every = float(same.sum()), len(values)
+
+    def against_chance(a: int, b: int) -> float:
+        """Nats, by how often the rows outside a run repeat."""
+        return -(b - a - 1) * float(np.log((count - (b - a - 1) + 1.0) / (every - (b - a) + 2.0)))
+
+    least = max(least, STUCK_ROWS)
+    return [(a, b) for a, b in runs if b - a >= least and against_chance(a, b) > np.log(every / BY_CHANCE)]
 
 
 def is_fine(values: Array, step: float | None = None) -> bool:
