@@ -190,7 +190,10 @@ class _Judged:
         won[~usable] = 0.0
 
         def borne_out(k: int, mine: Mask) -> Mask | None:
-            return mine if float(won[mine, k].sum()) - len(runs_of(mine)) * BEGINS > SURE else None
+            # labels are exchanged, and angles reversed, from the first row on: seen wherever it moves
+            whole = found[k][0] in SHARE or mine.sum() > 0.5 * usable.sum()
+            gained = float(won[mine, k].sum()) - len(runs_of(mine)) * BEGINS
+            return mine if whole and gained > SURE else None
 
         for k, mine, _ in settled(won, borne_out):
             at = np.ones(rows, bool)
