@@ -20,7 +20,7 @@ FORMS: dict[str, tuple[float, float, tuple[str, ...]]] = {
 ODD, FAULTS = ("slosh", "fin", "desync"), ("clipped accel", "frozen gyro", "sign of gyro", "frozen accel")
 TWO = (("battery_voltage", "wind"), ("cg_offset", "axial_inflow"), ("degraded_rotor", "ground_effect"),
        ("rotor_drag", "mass_change"), ("rotor_lag", "cg_offset"))
-RIVALS = (("degraded_rotor", "cg_offset"), ("cg_offset", "degraded_rotor"))
+RIVALS = (("cg_offset", "degraded_rotor"),)
 
 
 class Scene:
