@@ -15,6 +15,7 @@ from scipy.stats import f as fisher
 
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.evidence import JITTER
 from coaxlink.residual.diagnosis.flight_search import Flown
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
@@ -75,7 +76,9 @@ class Left:
         mine = block.columns[:, c] * (block.deviation / fit.noise[c])
         beside = self.without.whitened(c) * (fit.deviation / fit.noise[c])
         half = solve_triangular(fit.factor, beside.T @ mine, lower=True)
-        low = np.linalg.cholesky(np.eye(block.width) + mine.T @ mine - half.T @ half)
+        own = mine.T @ mine
+        rounding = 1.0 + JITTER * max(float(np.trace(own)), 1.0)
+        low = np.linalg.cholesky(rounding * np.eye(block.width) + own - half.T @ half)
         z = np.linalg.solve(low, mine.T @ (self.without.left[:, c] / fit.noise[c]))
         return float(0.5 * z @ z - np.sum(np.log(np.diag(low))))
 
