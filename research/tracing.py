@@ -383,7 +383,7 @@ def _verdict(
     words = {w for a in t.get("accept") or [] for w in a}
     wrong = found - frozenset().union(*sets)
     if log.sort == "clean":
-        right = float(not found and not suspect)
+        right = float(not (found or groups or suspect or is_open))
     elif log.sort == "odd":
         right = float((not found and is_open) or (bool(found) and found in sets[1:]))
     elif log.sort == "fault":
