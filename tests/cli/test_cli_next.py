@@ -59,6 +59,7 @@ def test_other_answers():
             ),
             (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
             (answer(unexplained=[SimpleNamespace(depends_on=("power_of_50_s",))]), "after a rest"),
+            (answer(unexplained=[SimpleNamespace(depends_on=("time_s",))]), "record more of what acts"),
         ):
             with case(f"{found}, {said}"):
                 line = after_refine(found, None, True)
