@@ -49,7 +49,7 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
         if any(name.startswith(POWER_OF) for name in first.depends_on):
             return f"next: {_WARM}; no model was changed"
         if first.depends_on == ("time_s",):
-            return "next: record more of what acts meanwhile: nothing in the log goes with it; no model was changed"
+            return "next: record more of what acts: nothing in the log goes with it; no model was changed"
         more = "flights" if flight else "sweeps"
         return f"next: {more} that vary {', '.join(first.depends_on)} alone; no model was changed"
     if left := above_floor(result):
