@@ -35,7 +35,6 @@ COARSE = 0.1  # of that: mg and mrad/s, as autopilots send them
 # of a sensor's reading: an accelerometer that was never calibrated has 3 % of scale and 2 % for its zero
 # (MPU-6000); uneven ground and a slow barometer change a height by more, no unit but the metre by so little
 SHARE = dict.fromkeys((*ACCEL, *GYRO, *VELOCITY), (0.95, 1.05)) | {HEIGHT: (0.1, 2.0)}
-ZEROS = (*ACCEL[:2], *GYRO, VELOCITY[2])  # whose zero may be anything; of accel_z it is in the share
 UPRIGHT = 0.1  # cosine: nearer to the vertical these angles say nothing
 ROUNDS = 4  # effort
 
