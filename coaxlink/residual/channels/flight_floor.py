@@ -7,17 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.residual.channels.flight import reduce_columns
+from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, reduce_columns
 from coaxlink.residual.held_out import Index
 from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 from coaxlink.signals import difference_gain, noise_floor, spectral_floor
 
-JUDGED_HZ = 10.0
-
 
 def runs_of(frame: FlightFrame) -> Index:
     """(kept,) number of the run of neighbouring judged rows."""
-    every = max(1, round(frame.rate_hz / JUDGED_HZ))
+    every = max(1, round(frame.rate_hz / JUDGED_RATE_HZ))
     return np.concatenate([[0], np.cumsum(np.diff(frame.keep) != every)]).astype(np.intp)
 
 
@@ -41,7 +39,7 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
     )
     if floor is not None:
         return np.maximum(floor, frame.rounding)
-    every = max(1, round(frame.rate_hz / JUDGED_HZ))
+    every = max(1, round(frame.rate_hz / JUDGED_RATE_HZ))
     gain = [difference_gain(frame.rate_hz, frame.cutoff_hz, every, differentiated=d) for d in turned]
     estimated = noise_floor(reduced, runs.astype(float), np.array(gain))
     # slow rows: nothing above the band tells what commands between them did, but the rows themselves do

@@ -142,7 +142,8 @@ def reported(j: Judged, logs: Sequence[Samples]) -> Refinement:
     f = j.fitted.of([m for m in j.fitted.members if m.name in j.claims])
     ch, frame = f.channels, f.channels.frame
     channels = _errors(f, j.floor)
-    effects = tuple(_found(f, m, j.claims[m.name]) for m in f.members)
+    draws = f.after.drawn(DRAWS) if f.members else np.zeros((0, 0))
+    effects = tuple(_found(f, m, draws, j.claims[m.name]) for m in f.members)
     return Refinement(
         kind="flight" if isinstance(frame, FlightFrame) else "stand",
         channels=channels,
@@ -213,10 +214,9 @@ def _errors(f: Fitted, floor: Array) -> dict[str, ChannelError]:
     return out
 
 
-def _found(f: Fitted, m: Member, claim: Mapping[str, Any]) -> FoundEffect:
+def _found(f: Fitted, m: Member, draws: Array, claim: Mapping[str, Any]) -> FoundEffect:
     """A member with its numbers, their 95 % intervals over blocks drawn again, and its worth."""
     ch, effect = f.channels, m.effect
-    draws = f.after.drawn(DRAWS)
     parameters = []
     sampled = [f.numbers(m, d) for d in draws]
     for name, value in f.numbers(m, f.after.values).items():
