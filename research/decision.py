@@ -23,13 +23,15 @@ from typing import Any
 from tracing import Answer, Log, Score, accepted, score, table
 
 PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
-RAISE = ("rival_", "weakest", "cause", "load")
+# terms of which more makes a name likelier; and that there is more than is said
+RAISE = ("rival_", "weakest", "tempered", "cause", "load")
 RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
-EITHER_WAY = ("group",)  # of the others, more lowers the probability
+EITHER_WAY = ("group", "said")  # of the others, more lowers the probability
 RIDGE = 3.0  # of a weight in standard deviations of its term
-# share of an author's logs that get a false name; a group of names without any that is there; of his clean
-# ones, an open end; of all flights a false name
+# share of an author's logs that get a false name; a group of names without any that is there; of clean ones
+# an open end; of all flights a false name
 SHARES = {"name": 0.01, "group": 0.03, "open": 0.03, "flight": 0.01}
+MODEL_OF = {"name": "name", "open": "open", "beyond": "open"}  # of an example: whose numbers judge it
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Example:
     """A candidate of a log, its terms, and whether it is true."""
 
     log: Log
-    model: str  # name, open, beyond (open behind names, trained on by nothing) or flight
+    model: str  # name, open, or beyond (open behind names)
     names: tuple[str, ...]
     terms: dict[str, float]
     true: bool
@@ -61,9 +63,15 @@ def author_of(log: Log) -> str:
 
 def examples(log: Log, answer: Answer) -> Iterator[Example]:
     """What an answer weighed. That something is there at all is asked of the log as it came."""
-    from coaxlink.residual.diagnosis.decide import flown_terms, opened_terms, terms_of
+    from coaxlink.residual.diagnosis.decide import flown_open_terms, flown_terms, opened_terms, terms_of
     from coaxlink.residual.diagnosis.features import Candidate
 
+    def beyond(numbers: dict[str, float], said: Sequence[str]) -> dict[str, float]:
+        flown = log.kind == "flight"
+        return flown_open_terms(sum(numbers.values()), said) if flown else opened_terms(numbers, said)
+
+    if answer.get("cannot_judge") or answer.get("not_this_vehicle"):  # nothing of it is said
+        return
     sets, hidden = accepted(log.truth), frozenset(log.truth["effects"])
     for weighed in answer.get("weighed", []):
         names, numbers = tuple(weighed["names"]), weighed["numbers"]
@@ -73,7 +81,7 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
                     model, more = "open", log.sort != "clean"
                 else:
                     model, more = "beyond", _is_more(log, frozenset(names[1:]))
-                yield Example(log, model, names, opened_terms(numbers), more)
+                yield Example(log, model, names, beyond(numbers, names[1:]), more)
             continue
         there = hidden.union(*sets)
         true = bool(there & {*names}) if len(names) > 1 else names[0] in there and log.sort != "ambiguous"
@@ -82,7 +90,7 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
         if numbers.get("bound"):  # no name, whatever its evidence
             continue
         if log.kind == "flight":
-            yield Example(log, "flight", names[:1], flown_terms(numbers["tempered"]), true)
+            yield Example(log, "name", names[:1], flown_terms(numbers), true)
         else:
             yield Example(log, "name", names, terms_of(Candidate(names, numbers)), true)
 
@@ -158,7 +166,7 @@ class Decider:
         for weighed in answer["weighed"]:
             names, numbers = weighed["names"], weighed["numbers"]
             if names == ["open"]:
-                opened = self.models["open"](opened_terms(numbers))
+                opened = self.models["open"](opened_terms(numbers, ()))
             elif names[0] != "open":
                 p = self.models["name"](terms_of(Candidate(tuple(names), numbers)))
                 if len(names) == 1 and p >= self.level["name"]:
@@ -188,13 +196,14 @@ def decider(every: Sequence[Example], trained: Sequence[str]) -> Decider:
     authors = sorted({e.author for e in every})
     said: dict[int, float] = {}
     for author, model in itertools.product(authors, trained):
-        fitted = logistic([e for e in every if e.model == model and e.author != author])
-        said |= {id(e): fitted(e.terms) for e in every if e.model == model and e.author == author}
+        mine = [e for e in every if MODEL_OF[e.model] == model]
+        fitted = logistic([e for e in mine if e.author != author])
+        said |= {id(e): fitted(e.terms) for e in mine if e.author == author}
     shipped = calibration()
     level = dict(shipped["level"])
     models = {model: Logistic(shipped[model]["intercept"], shipped[model]["weights"]) for model in MODELS}
     for model in trained:
-        models[model] = logistic([e for e in every if e.model == model])
+        models[model] = logistic([e for e in every if MODEL_OF[e.model] == model])
         for kind in MODELS[model]:
             level[kind] = max(_level([e for e in every if e.author == a], said, kind) for a in authors)
     return Decider(models, level)
@@ -218,8 +227,7 @@ def train(
     scores: list[Score] = []
     for author in authors:
         others = decider([e for e in every if e.author != author], trained)
-        models = {**others.models, "beyond": others.models["open"]}
-        said |= {id(e): models[e.model](e.terms) for e in every if e.author == author}
+        said |= {id(e): others.models[MODEL_OF[e.model]](e.terms) for e in every if e.author == author}
         for log, answer in zip(logs, answers, strict=True):
             if author_of(log) == author:
                 scores.append(score(log, others.again(answer)))
@@ -241,46 +249,49 @@ def train(
 
 def told(logs: Sequence[Log], answers: Sequence[Answer], picture: Path) -> None:
     """Print and draw how often what the answers said with a probability was so."""
-    from coaxlink.residual.diagnosis.decide import probability
+    from coaxlink.residual.diagnosis.decide import FLIGHTS, STANDS, probability
 
-    every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
-    said = {id(e): probability("open" if e.model == "beyond" else e.model, e.terms) for e in every}
-    flown = [(said[id(e)], e.true) for e in every if e.model == "flight"]
-    rows = [*diagram(every, said), *reliability("names in flight", flown)]
+    rows = []
+    for kind, file, where in (("stand", STANDS, ""), ("flight", FLIGHTS, " in flight")):
+        pairs = zip(logs, answers, strict=True)
+        every = [e for log, answer in pairs if log.kind == kind for e in examples(log, answer)]
+        said = {id(e): probability(MODEL_OF[e.model], e.terms, file) for e in every}
+        rows += diagram(every, said, where)
     print("\n".join(map(str, rows)))
     draw(rows, picture)
 
 
-ONE_TERM = 0.3  # ridge where one term is fitted: nothing to share its weight with
+FEW_TERMS = 0.3  # ridge where few terms are fitted: little to share their weight with
 
 
 def train_flights(
     logs: Sequence[Log], answers: Sequence[Answer], path: Path, picture: Path | None = None
 ) -> None:
-    """Write the probability of a flight's names and the level of what is said; print how they do on every set
-    when that is left out.
+    """Write the probabilities of a flight's names and of more than is said, with the levels from which on
+    they are told; print how they do on every set when that is left out.
     """
     import tomli_w
 
     every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
     said: dict[int, float] = {}
-    for root in {e.log.root for e in every}:
-        fitted = logistic([e for e in every if e.log.root != root], ONE_TERM)
-        said |= {id(e): fitted(e.terms) for e in every if e.log.root == root}
-    fitted = logistic(every, ONE_TERM)  # of one term: its level is a number of nats, whoever is left out
-    own = {id(e): fitted(e.terms) for e in every}
-    level = _level(every, own, "flight", len(logs))
-    clean, count = [e for e in every if e.log.sort == "clean"], sum(log.sort == "clean" for log in logs)
-    opened = min(level, _level(clean, own, "flight", count, SHARES["open"]))
-    weights = {k: round(w, 5) for k, w in fitted.weights.items()}
-    counts = Counter(e.author for e in every)
-    head = "# written by: python research/tracing.py SET... --kind flight --train; names: "
-    said_of = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
-    out: dict[str, Any] = {"level": {"name": round(level, 4), "open": round(opened, 4)}}
-    out["flight"] = {"intercept": round(fitted.intercept, 5), "weights": weights}
-    path.write_text(f"{head}{said_of}\n{tomli_w.dumps(out)}")
-    rows = reliability("names in flight", [(said[id(e)], e.true) for e in every])
-    print(f"levels {level:.4f}, {opened:.4f}, every set left out in turn", *rows, sep="\n")
+    own: dict[int, float] = {}
+    out: dict[str, Any] = {"level": {}}
+    for model, share in (("name", SHARES["flight"]), ("open", SHARES["open"])):
+        mine = [e for e in every if MODEL_OF[e.model] == model]
+        for root in {e.log.root for e in mine}:
+            fitted = logistic([e for e in mine if e.log.root != root], FEW_TERMS)
+            said |= {id(e): fitted(e.terms) for e in mine if e.log.root == root}
+        whole = logistic(mine, FEW_TERMS)
+        own |= {id(e): whole(e.terms) for e in mine}
+        some = [log for log in logs if model == "name" or log.sort == "clean"]
+        out["level"][model] = round(_level(mine, own, model, len(some), share), 4)
+        weights = {k: round(w, 5) for k, w in whole.weights.items()}
+        out[model] = {"intercept": round(whole.intercept, 5), "weights": weights}
+    counts = Counter(author_of(log) for log in logs)
+    head = "# written by: python research/tracing.py SET... --kind flight --train; logs: "
+    path.write_text(f"{head}{', '.join(f'{a} {n}' for a, n in sorted(counts.items()))}\n{tomli_w.dumps(out)}")
+    rows = diagram(every, said, " in flight")
+    print(f"levels {out['level']}, every set left out in turn", *rows, sep="\n")
     if picture:
         draw(rows, picture)
 
@@ -293,13 +304,12 @@ def _level(
     Of `count` logs, where some have no candidate at all.
     """
     worst: dict[tuple[Path, str], float] = {}
+    named = {(e.log.root, e.log.case) for e in mine if e.model == "beyond"}  # wrongly, and counted there
     for e in mine:
-        if kind == "open" and (e.log.sort != "clean" or e.model != "open"):
-            continue
         key = (e.log.root, e.log.case)
-        wrong = (
-            not e.true and e.kind == kind and not (kind in ("name", "flight") and e.log.sort == "ambiguous")
-        )
+        if kind == "open" and (e.log.sort != "clean" or key in named):
+            continue
+        wrong = not e.true and e.kind == kind and not (kind == "name" and e.log.sort == "ambiguous")
         worst[key] = max(worst.get(key, 0.0), said[id(e)] if wrong else 0.0)
     ranked = sorted(worst.values(), reverse=True)
     allowed = round((share or SHARES[kind]) * max(count, len(ranked)))
@@ -319,7 +329,7 @@ class Reliability:
 
     def __str__(self) -> str:
         between = f"{self.low:.2f} .. {self.high:.2f}"
-        return f"{self.what:18s} said {self.said:.2f}  so {self.so:.2f} ({between})  {self.count:4d}"
+        return f"{self.what:21s} said {self.said:.2f}  so {self.so:.2f} ({between})  {self.count:4d}"
 
 
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.01)
@@ -341,17 +351,17 @@ def reliability(what: str, claims: Sequence[tuple[float, bool]]) -> list[Reliabi
     return out
 
 
-def diagram(every: Sequence[Example], said: dict[int, float]) -> list[Reliability]:
+def diagram(every: Sequence[Example], said: dict[int, float], where: str = "") -> list[Reliability]:
     """Names and groups of them; that nothing is there; that something is, beyond what is named."""
     single = [e for e in every if e.model == "name" and len(e.names) == 1]
     group = [e for e in every if e.model == "name" and len(e.names) > 1]
     opened = [e for e in every if e.model == "open"]
     last = {(e.log.root, e.log.case): e for e in every if e.model in ("open", "beyond")}
     return [
-        *reliability("names", [(said[id(e)], e.true) for e in single]),
-        *reliability("groups", [(said[id(e)], e.true) for e in group]),
-        *reliability("nothing", [(1.0 - said[id(e)], not e.true) for e in opened]),
-        *reliability("unexplained", [(said[id(e)], e.true) for e in last.values()]),
+        *reliability(f"names{where}", [(said[id(e)], e.true) for e in single]),
+        *reliability(f"groups{where}", [(said[id(e)], e.true) for e in group]),
+        *reliability(f"nothing{where}", [(1.0 - said[id(e)], not e.true) for e in opened]),
+        *reliability(f"unexplained{where}", [(said[id(e)], e.true) for e in last.values()]),
     ]
 
 

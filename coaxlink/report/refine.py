@@ -34,7 +34,7 @@ def verdict(result: Refinement) -> str:
             " or ".join(a.names) for a in result.ambiguous
         )
     if result.unexplained:
-        return "no known effect explains what is left"
+        return f"no known effect explains what is left{_more(result)}"
     if result.surface:
         return f"no effect found, but the loads are no polynomials of the speeds: {surface(result)}"
     if times_floor := above_floor(result):
@@ -42,8 +42,14 @@ def verdict(result: Refinement) -> str:
         return (
             f"no effect found: what is left of {', '.join(times_floor)}, up to {times:.1f} times the scatter "
             "of neighbouring rows, hangs together in time as gusts and ringing do, or is too small to matter"
+            f"{_more(result)}"
         )
-    return "nothing to explain: the residual is at the noise floor"
+    return f"nothing to explain: the residual is at the noise floor{_more(result)}"
+
+
+def _more(result: Refinement) -> str:
+    """How probable it is that something is there which has no name."""
+    return "" if result.more is None else f"; probability that something is there: {_chance(result.more)}"
 
 
 def above_floor(result: Refinement) -> dict[str, float]:

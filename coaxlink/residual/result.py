@@ -192,6 +192,7 @@ class Refinement:
     not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
     would_show: tuple[WouldShow, ...] = ()  # of effects that are not named; empty where it was not worked out
     next_run: Experiment | None = None  # where nothing is named: it tells two apart that this log could not
+    more: float | None = None  # probability that more is there than is named; None where nothing was weighed
     weighed: tuple[
         Mapping[str, Any], ...
     ] = ()  # candidates, and the numbers that the decision judged them by
@@ -257,6 +258,7 @@ class Refinement:
             ambiguous=(),
             model=None,
             would_show=(),
+            more=None,
             cannot_judge=tuple(cannot_judge),
             not_this_vehicle=tuple(not_this_vehicle),
         )
@@ -341,6 +343,7 @@ class Refinement:
                 for w in self.would_show
             ],
             "next_run": self.next_run and {**self.next_run.document(), "separate_by": self.next_run.text},
+            "more": self.more,
             "weighed": [dict(w) for w in self.weighed],
             "notes": list(self.notes),
         }

@@ -88,7 +88,8 @@ def concluded(
         tuple(rejected(found, said)) if found else (),
         trace_of(found) if found else (),
     )
-    return replace(reported(judged, logs), weighed=said.weighed)
+    more = round(said.opened, 4) if found else None
+    return replace(reported(judged, logs), more=more, weighed=said.weighed)
 
 
 def _borne_out(found: Posterior, names: set[str]) -> Hypothesis:

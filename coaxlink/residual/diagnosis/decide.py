@@ -22,11 +22,13 @@ import numpy as np
 from coaxlink.effects.onset import COMES
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
+from coaxlink.residual.diagnosis.flight_forms import Left
+from coaxlink.residual.diagnosis.flight_search import Flown
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
 from coaxlink.residual.members import Member, composed
 
-FLIGHTS = "calibration_flights.toml"  # of a flight's names; `--kind flight --train` writes it
+STANDS, FLIGHTS = "calibration.toml", "calibration_flights.toml"  # as `--train` writes them
 # (special case, general case): what holds the general one has the special one in it, or is one of both
 IMPLIED = (("rotor_drag", "wind"),)
 SPECIAL = (*IMPLIED, ("mass_change", "battery_voltage"))
@@ -52,12 +54,8 @@ class Decision:
     groups: tuple[Group, ...]
     withheld: Mapping[str, float]  # of names of the leading set
     opened: float  # that something is there beyond what is claimed
+    is_open: bool  # whether that is said
     weighed: tuple[Mapping[str, Any], ...] = ()  # candidates with the numbers they were judged by
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it is said that something is there beyond what is claimed."""
-        return self.opened >= calibration()["level"]["open"]
 
     @property
     def grouped(self) -> frozenset[str]:
@@ -65,7 +63,7 @@ class Decision:
         return frozenset(n for g in self.groups for n in g.names)
 
 
-NOTHING = Decision({}, (), {}, 0.0)
+NOTHING = Decision({}, (), {}, 0.0, False)
 
 
 def decided(ch: Channels, found: Posterior) -> Decision:
@@ -94,18 +92,19 @@ def decided(ch: Channels, found: Posterior) -> Decision:
     opened = 0.0
     for names in dict.fromkeys([(), tuple(sorted(said))]):
         numbers = features.opened(names)
-        opened = probability("open", opened_terms(numbers))
+        opened = probability("open", opened_terms(numbers, names))
         weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
-    return Decision(claimed, tuple(groups), withheld, opened, tuple(weighed))
+    return Decision(claimed, tuple(groups), withheld, opened, opened >= level["open"], tuple(weighed))
 
 
-def decided_in_flight(ch: Channels, found: Posterior) -> tuple[Decision, Hypothesis]:
-    """Of a flight's posterior, with the set that is said: what the general case does not clearly need is the
-    special one.
+def decided_in_flight(flown: Flown) -> tuple[Decision, Hypothesis, Left]:
+    """Of what was found in a flight, with the set that is said and what is beside it: what the general case
+    does not clearly need is the special one.
 
     A number at the end of what physics allows is no estimate: the name that needs it is withheld. Names of
     which one could be in another's place at a rival's odds make a group.
     """
+    ch, found = flown.channels, flown.posterior
     lead = found.best
     for special, general in SPECIAL:
         named = (lead.effects - {general}) | {special}
@@ -116,29 +115,54 @@ def decided_in_flight(ch: Channels, found: Posterior) -> tuple[Decision, Hypothe
     claimed: dict[str, float] = {}
     withheld: dict[str, float] = {}
     groups: list[Group] = []
+    bound: list[str] = []
     weighed: list[Mapping[str, Any]] = []
-    level = calibration(FLIGHTS)["level"]["name"]
+    level = calibration(FLIGHTS)["level"]
     for m in lead.members:
         rivals = _in_its_place(found, lead, m.name)
         numbers = flown_numbers(ch, found, lead, m, rivals)
-        p = 0.0 if numbers["bound"] else probability("flight", flown_terms(numbers["tempered"]))
+        p = 0.0 if numbers["bound"] else probability("name", flown_terms(numbers), FLIGHTS)
         odds = np.exp(-np.array([0.0, *rivals.values()]))
         first = float(p * odds[0] / odds.sum())
         weighed.append({"names": [m.name, *rivals], "probability": p, "numbers": numbers})
-        if p < level:
+        bound += [m.name] * bool(numbers["bound"])
+        if p < level["name"]:
             withheld[m.name] = first
         elif rivals:
             groups.append(Group((m.name, *rivals), p, first))
         else:
             claimed[m.name] = p
-    return Decision(claimed, tuple(groups), withheld, 0.0, tuple(weighed)), lead
+    left, opened = Left(flown, lead), 0.0
+    said = {*claimed, *(n for g in groups for n in g.names)}
+    for names in dict.fromkeys([(), tuple(sorted(said))]):
+        numbers = _left_open(found, lead, left, {*names, *bound})
+        opened = probability("open", flown_open_terms(sum(numbers.values()), names), FLIGHTS)
+        weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
+    decision = Decision(claimed, tuple(groups), withheld, opened, opened >= level["open"], tuple(weighed))
+    return decision, lead, left
+
+
+def alone(nats: float) -> float:
+    """Probability that a flight holds something, where so many nats are all that speak for it."""
+    return probability("open", flown_open_terms(nats, ()), FLIGHTS)
+
+
+def _left_open(found: Posterior, lead: Hypothesis, left: Left, apart: Collection[str]) -> dict[str, float]:
+    """What speaks for more than these names: nats of the others, of the best free form, of the best line."""
+    less = [found.nats_behind(h) for h in found.sets if h.effects <= set(apart)]
+    return {
+        "name": max(min(less, default=MOST) - found.nats_behind(lead), 0.0),
+        "form": max((f.nats for f in left.forms if f.nats > 0.0), default=0.0),
+        "line": max((line.nats for line in left.lines), default=0.0),
+    }
 
 
 def flown_numbers(
     ch: Channels, found: Posterior, lead: Hypothesis, m: Member, rivals: Collection[str] = ()
 ) -> dict[str, float]:
     """What a flight's name is judged by: tempered nats over the best set with nothing in its place, or of a
-    group without any of its names; whether a number of it is at its bound.
+    group without any of its names; what else it took to explain the log; whether a number of it is at its
+    bound.
 
     A set in which the general case is there holds the special one.
     """
@@ -147,7 +171,7 @@ def flown_numbers(
     for h in found.sets:
         if not h.effects & names and (rivals or h.effects <= lead.effects):
             nats = min(nats, found.nats_behind(h) - here)
-    return {"tempered": float(nats), "bound": float(at_bound(ch, m))}
+    return {"tempered": float(nats), "members": float(len(lead.members)), "bound": float(at_bound(ch, m))}
 
 
 def at_bound(ch: Channels, m: Member) -> bool:
@@ -189,14 +213,14 @@ def _in_its_place(found: Posterior, lead: Hypothesis, name: str) -> dict[str, fl
 
 
 @cache
-def calibration(file: str = "calibration.toml") -> dict[str, Any]:
+def calibration(file: str = STANDS) -> dict[str, Any]:
     """Levels, and of each model the intercept and the weights of its terms."""
     return tomllib.loads(resources.files("coaxlink.residual.diagnosis").joinpath(file).read_text())
 
 
-def probability(model: str, terms: Mapping[str, float]) -> float:
-    """That a candidate is there, of its terms."""
-    weights = (calibration(FLIGHTS) if model == "flight" else calibration())[model]
+def probability(model: str, terms: Mapping[str, float], file: str = STANDS) -> float:
+    """That a candidate is there (`name`), or more than is said (`open`), of its terms."""
+    weights = calibration(file)[model]
     total = weights["intercept"] + sum(w * terms[k] for k, w in weights["weights"].items())
     return float(1.0 / (1.0 + np.exp(-np.clip(total, -30.0, 30.0))))
 
@@ -221,20 +245,29 @@ def terms_of(candidate: Candidate) -> dict[str, float]:
     return out | {"group": float(len(candidate.names) > 1)}
 
 
-def opened_terms(numbers: Mapping[str, float]) -> dict[str, float]:
-    """The numbers of what is left open as the logistic model takes them."""
-    return {name: _scaled(name, value) for name, value in numbers.items()}
+def opened_terms(numbers: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
+    """The numbers of what is open beyond some names as the logistic model takes them: a name's own law misses
+    more than nothing does.
+    """
+    return {name: _scaled(name, value) for name, value in numbers.items()} | {"said": float(bool(said))}
 
 
-def flown_terms(nats: float) -> dict[str, float]:
+def flown_terms(numbers: Mapping[str, float]) -> dict[str, float]:
     """What the logistic model takes of a flight's name."""
-    return {"tempered": _scaled("tempered", nats)}
+    return {name: _scaled(name, numbers[name]) for name in ("tempered", "members")}
 
 
-def flown_nats(kind: str) -> float:
-    """That a flight's name (`name`), or what has none (`open`), has where it is told, at the least."""
-    level, model = calibration(FLIGHTS)["level"][kind], calibration(FLIGHTS)["flight"]
-    total = np.log(level / (1.0 - level)) - model["intercept"]
+def flown_open_terms(nats: float, said: Collection[str]) -> dict[str, float]:
+    """What the logistic model takes of what a flight holds beyond some names: nats of a name, a form and a
+    line add up.
+    """
+    return opened_terms({"tempered": nats}, said)
+
+
+def flown_nats() -> float:
+    """That a name which explains a flight alone has where it is told, at the least."""
+    level, model = calibration(FLIGHTS)["level"]["name"], calibration(FLIGHTS)["name"]
+    total = np.log(level / (1.0 - level)) - model["intercept"] - model["weights"]["members"]
     return float(np.expm1(total / model["weights"]["tempered"]))
 
 

@@ -97,6 +97,6 @@ def would_show(found: Flown, lead: Hypothesis) -> list[WouldShow]:
     """The smallest size of every effect of the grid that would have been named beside a set."""
     search = FlightSearch(found.search.scorer)
     search.visited.add(lead)
-    sizes = smallest(search, flown_nats("name"), limited=True)
+    sizes = smallest(search, flown_nats(), limited=True)
     shown = [WouldShow(n, s.share, s.channel) for n, s in sizes.items()]
     return sorted((w for w in shown if w.share < HIDDEN), key=lambda w: w.share)

@@ -6,8 +6,8 @@ A form is judged beside what it leaves: were noise what no effect explains, an o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -29,41 +29,65 @@ PLACE = ("north_m", "east_m")
 TIME = "time_s"
 PATHS = (TIME, "voltage_V", *PLACE, " & ".join(PLACE))  # what a vehicle seldom comes back to
 # cycles of a period in a log, judgement: fewer are a trend; frequencies to either side that a line stands out
-# from; that it does so by chance
-CYCLES, BESIDE, ALPHA = 3, 16, 1e-4
+# from
+CYCLES, BESIDE = 3, 16
+
+
+@dataclass(frozen=True)
+class Form:
+    """A free form of one channel, and how far the rows bear it out."""
+
+    shown: Hypothesis
+    channel: str
+    nats: float
+    size: float  # of the reference load
+
+
+@dataclass(frozen=True)
+class Line:
+    """What comes and goes in a channel with one period."""
+
+    channel: str
+    period_s: float
+    rms: float
+    nats: float  # against noise that has as much there by chance
+    size: float  # of the reference load
 
 
 class Left:
-    """The best free forms beside a set."""
+    """What there is beside a set: the best free forms, and what comes and goes in time."""
 
     def __init__(self, found: Flown, lead: Hypothesis) -> None:
         self.channels = replace(found.channels, forms=_forms(found.channels))
         self._scorer, self._lead = Scorer(self.channels, white(found.channels.count)), lead
         self.without = self._about()
 
-    def shown(self, nats: float) -> list[Hypothesis]:
-        """Sets with one form more that so many nats speak for, the odds of a form paid; one a channel."""
+    @cached_property
+    def forms(self) -> tuple[Form, ...]:
+        """Of every channel the likeliest, of what is large enough, the odds of a form paid.
+
+        Over a path in time and over all else one each is weighed: whatever goes with something goes with
+        time as well.
+        """
         ranked = sorted(((self._gain(name), name) for name in self.channels.forms), reverse=True)
         out = []
         for channel in self.channels.names:
             mine = [name for _, name in ranked if name.split("|")[1] == channel]
-            # whatever goes with something goes with time as well
             best = [next((n for n in mine if (_over(n) in PATHS) == late), "") for late in (False, True)]
-            for h in [self._about(name) for name in best if name]:
-                if self._nats(h, channel) >= nats and self._size(h, channel) >= LEAST:
-                    out.append(h)
-                    break
-        return out
+            forms = [self._form(self._about(name), channel) for name in best if name]
+            out += sorted((f for f in forms if f.size >= LEAST), key=lambda f: -f.nats)[:1]
+        return tuple(out)
 
-    def periods(self) -> dict[str, tuple[float, float]]:
-        """(seconds, rms) of what comes and goes in time, by channel."""
-        ch, out = self.channels, {}
+    @cached_property
+    def lines(self) -> tuple[Line, ...]:
+        """The strongest of every channel, of what is large enough."""
+        ch, out = self.channels, []
         row = float(np.median(np.diff(ch.frame.time_s[ch.frame.keep])))
         for c, channel in enumerate(ch.names):
-            found = period_of(self.without.left[:, c])
-            if found is not None and found[1] >= LEAST * ch.reference[c]:
-                out[channel] = found[0] * row, found[1]
-        return out
+            if (found := period_of(self.without.left[:, c])) is not None:
+                period, rms, nats = found
+                out.append(Line(channel, period * row, rms, nats, rms / float(ch.reference[c])))
+        return tuple(line for line in out if line.size >= LEAST)
 
     def _about(self, *forms: str) -> Hypothesis:
         lead = self._lead
@@ -82,20 +106,17 @@ class Left:
         z = np.linalg.solve(low, mine.T @ (self.without.left[:, c] / fit.noise[c]))
         return float(0.5 * z @ z - np.sum(np.log(np.diag(low))))
 
-    def _nats(self, h: Hypothesis, channel: str) -> float:
-        """Tempered by how long what the form leaves hangs together; of a path in time, by how long that does
-        which the form explains: so does a gust.
+    def _form(self, h: Hypothesis, channel: str) -> Form:
+        """Nats are tempered by how long what the form leaves hangs together; of a path in time, by how long
+        that does which the form explains: so does a gust. Its size is what it adds once corrections gave way.
         """
-        over = self.without if _over(h.forms[0]) in PATHS else h
-        time = autocorrelation_time(over.left, self.channels.block)[self.channels.names.index(channel)]
-        ahead = h.fit.log_evidence - self.without.fit.log_evidence
-        return float(ahead / time + h.log_prior - self.without.log_prior)
-
-    def _size(self, h: Hypothesis, channel: str) -> float:
-        """Of the reference load, once corrections gave way."""
         c = self.channels.names.index(channel)
+        over = self.without if _over(h.forms[0]) in PATHS else h
+        time = autocorrelation_time(over.left, self.channels.block)[c]
+        ahead = h.fit.log_evidence - self.without.fit.log_evidence
         moved = self.without.left[:, c] - h.left[:, c]
-        return float(np.sqrt(np.mean(moved**2)) / self.channels.reference[c])
+        size = float(np.sqrt(np.mean(moved**2)) / self.channels.reference[c])
+        return Form(h, channel, float(ahead / time + h.log_prior - self.without.log_prior), size)
 
 
 def _over(form: str) -> str:
@@ -144,14 +165,15 @@ def _turns(angle: Array, length: float) -> tuple[Array, Array]:
     return np.concatenate(functions, axis=1), np.full(2 * len(number), np.sqrt(1.0 / len(number)))
 
 
-def period_of(values: Array) -> tuple[float, float] | None:
-    """Of values (rows,) at equal distances the period in rows, and the rms, of the strongest line.
+def period_of(values: Array) -> tuple[float, float, float] | None:
+    """Of values (rows,) at equal distances the period in rows, and the rms, of the strongest line; and the
+    nats that speak against noise, which holds as much in some line by chance.
 
-    None where noise holds as much there by chance: a line stands out from its neighbours in the spectrum, as
-    ringing does not (each frequency's power is exponential about its mean: an F test).
+    A line stands out from its neighbours in the spectrum, as ringing does not (each frequency's power is
+    exponential about its mean: an F test). None where the strongest is a trend, or has no neighbours.
 
     >>> turns = np.sin(np.arange(500) * np.pi / 8.0) + 0.1 * np.random.default_rng(0).normal(size=500)
-    >>> [round(x, 2) for x in period_of(turns)]
+    >>> [round(x, 2) for x in period_of(turns)[:2]]
     [16.13, 0.69]
     """
     power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
@@ -160,5 +182,5 @@ def period_of(values: Array) -> tuple[float, float] | None:
     if k < CYCLES or len(near) < BESIDE:
         return None
     line = float(np.sum(power[k - 1 : k + 2]))
-    limit = float(fisher.isf(ALPHA / len(power), 2, 2 * len(near)) * np.mean(near))
-    return (len(values) / k, float(np.sqrt(2.0 * line)) / len(values)) if power[k] > limit else None
+    chance = float(fisher.logsf(power[k] / np.mean(near), 2, 2 * len(near)) + np.log(len(power)))
+    return len(values) / k, float(np.sqrt(2.0 * line)) / len(values), max(-chance, 0.0)

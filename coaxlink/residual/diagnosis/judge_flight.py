@@ -17,9 +17,10 @@ from coaxlink.residual.diagnosis.decide import (
     FLIGHTS,
     NOTHING,
     Decision,
+    alone,
     calibration,
     decided_in_flight,
-    flown_nats,
+    flown_numbers,
 )
 from coaxlink.residual.diagnosis.flight import flight_channels, would_show
 from coaxlink.residual.diagnosis.flight_forms import TIME, Left
@@ -51,10 +52,11 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     progress("fitting candidates")
     ch = flight_channels(bare)
-    found, said, lead = None, NOTHING, None
+    found, said, lead, left = None, NOTHING, None, None
     if not mislabelled:
         found = searched(ch, progress)
-        said, lead = decided_in_flight(ch, found.posterior)
+        progress("weighing what is left")
+        said, lead, left = decided_in_flight(found)
     progress("weighing every rotor")
     members, where, doubts = _placed(found, said, lead)
     progress("judging")
@@ -72,7 +74,7 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         np.hypot(floor, felt_noise(ch.bare, fitted.parts)),
         (suspects, [*ch.notes, *_lacking(ch.frame, explained)]),
         [*doubts, *_of_lift(fitted, acting, said, explained), *between] if found else [],
-        _open_ends(found, lead, said) if found and lead else [],
+        _open_ends(found, lead, left, said) if found and lead and left else [],
         several,
     )
     out = _sure_of_place(out, where)
@@ -84,20 +86,25 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     return out
 
 
-def _open_ends(found: Flown, lead: Hypothesis, said: Decision) -> list[Unexplained]:
-    """Free forms beside what is said, and members that are surer than what shows in sound flights, but not as
-    sure as a name has to be.
-    """
-    ch, level, left = found.channels, calibration(FLIGHTS)["level"]["open"], Left(found, lead)
-    pieces: Pieces = {}
-    for shown in left.shown(flown_nats("open")):
-        pieces |= pieces_of(left.channels, shown)
-    for channel, (seconds, rms) in left.periods().items():
-        words = f"it comes and goes with a period of {seconds:.2g} s, by nothing recorded"
-        pieces.setdefault(channel, []).append((rms, TIME, words))
-    for m in [m for m in lead.members if said.withheld.get(m.name, 0.0) >= level]:
+def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> list[Unexplained]:
+    """Where more is there than is said: what alone would have that said, or the likeliest."""
+    if not said.is_open:
+        return []
+    ch, parts = found.channels, list[tuple[float, Pieces]]()
+    for form in left.forms:
+        parts.append((alone(max(form.nats, 0.0)), pieces_of(left.channels, form.shown)))
+    for line in left.lines:
+        words = f"it comes and goes with a period of {line.period_s:.2g} s, by nothing recorded"
+        parts.append((alone(line.nats), {line.channel: [(line.rms, TIME, words)]}))
+    for m in [m for m in lead.members if m.name in said.withheld]:
         u = unnamed(ch, found.posterior, lead, m, said.withheld[m.name])
-        pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
+        nats = flown_numbers(ch, found.posterior, lead, m)["tempered"]
+        parts.append((alone(nats), {u.channel: [(u.rmse, u.depends_on[0], u.where)]}))
+    parts.sort(key=lambda part: -part[0])
+    level, pieces = calibration(FLIGHTS)["level"]["open"], Pieces()
+    for k, (p, mine) in enumerate(parts):
+        for channel in mine if p >= level or k == 0 else ():
+            pieces.setdefault(channel, []).extend(mine[channel])
     return told(ch, pieces)
 
 

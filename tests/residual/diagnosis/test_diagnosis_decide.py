@@ -22,7 +22,7 @@ def test_every_trained_term_is_worked_out():
     numbers = dict.fromkeys((*KINDS, "freed", "beside", "load", "members", "forms"), 1.0)
     assert set(calibration()["name"]["weights"]) <= set(terms_of(Candidate(("x",), numbers)))
     opened = dict.fromkeys(("raw", "own", "tempered", "steady", "agree"), 1.0)
-    assert set(calibration()["open"]["weights"]) == set(opened_terms(opened))
+    assert set(calibration()["open"]["weights"]) == set(opened_terms(opened, ()))
 
 
 def test_more_evidence_makes_a_name_more_probable():

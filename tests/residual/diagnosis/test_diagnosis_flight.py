@@ -13,9 +13,11 @@ from coaxlink.residual.diagnosis import posterior as posteriors
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import (
     FLIGHTS,
+    alone,
     at_bound,
     calibration,
     flown_nats,
+    flown_open_terms,
     flown_terms,
     probability,
 )
@@ -61,11 +63,12 @@ def left_beside_nothing(target, **variables):
 def test_what_follows_the_heading_is_found_through_many_turns_and_by_its_size():
     random, yaw = np.random.default_rng(3), np.arange(ROWS) / 17.0
     noise = random.normal(0.0, 0.5, ROWS)
-    (found,) = left_beside_nothing(noise + 2.0 * np.cos(3.0 * yaw), yaw_rad=yaw).shown(20.0)
-    assert found.names == {"yaw_rad|load"} and np.std(found.left) == pytest.approx(0.5, rel=0.05)
-    assert left_beside_nothing(noise, yaw_rad=yaw).shown(20.0) == []
+    (found,) = left_beside_nothing(noise + 2.0 * np.cos(3.0 * yaw), yaw_rad=yaw).forms
+    assert found.nats > 20.0 and found.shown.names == {"yaw_rad|load"}
+    assert np.std(found.shown.left) == pytest.approx(0.5, rel=0.05)
+    assert all(f.nats < 5.0 for f in left_beside_nothing(noise, yaw_rad=yaw).forms)
     small = 0.05 * noise + 0.15 * np.cos(3.0 * yaw)  # clear, and 0.1 % of the load
-    assert left_beside_nothing(small, yaw_rad=yaw).shown(20.0) == []
+    assert left_beside_nothing(small, yaw_rad=yaw).forms == ()
 
 
 def test_a_gust_is_no_path_in_time_but_what_goes_with_a_velocity_is_told():
@@ -74,9 +77,9 @@ def test_a_gust_is_no_path_in_time_but_what_goes_with_a_velocity_is_told():
     time = np.arange(ROWS) / 10.0
     bump = 4.0 * np.exp(-((np.sin(time) / 0.2) ** 2))
     noise = random.normal(0.0, 0.5, ROWS)
-    assert left_beside_nothing(gust + noise, time_s=time).shown(13.5) == []
-    (found,) = left_beside_nothing(bump + noise, time_s=time, vel_x_body_m_s=np.sin(time)).shown(13.5)
-    assert found.names == {"vel_x_body_m_s|load"}
+    assert all(f.nats < 10.0 for f in left_beside_nothing(gust + noise, time_s=time).forms)
+    (found,) = left_beside_nothing(bump + noise, time_s=time, vel_x_body_m_s=np.sin(time)).forms
+    assert found.nats > 20.0 and found.shown.names == {"vel_x_body_m_s|load"}
 
 
 def test_one_name_at_two_rotors_is_two_sets():
@@ -97,9 +100,21 @@ def test_a_number_where_physics_ends_is_no_estimate(monkeypatch):
 
 def test_a_flights_name_is_judged_by_the_terms_that_were_trained_and_more_nats_raise_it():
     level = calibration(FLIGHTS)["level"]["name"]
-    assert set(flown_terms(1.0)) == set(calibration(FLIGHTS)["flight"]["weights"])
-    said = [probability("flight", flown_terms(nats)) for nats in (2.0, flown_nats("name"), 400.0)]
+    lone = [{"tempered": nats, "members": 1.0} for nats in (2.0, flown_nats(), 400.0)]
+    said = [probability("name", flown_terms(numbers), FLIGHTS) for numbers in lone]
+    assert set(flown_terms(lone[0])) == set(calibration(FLIGHTS)["name"]["weights"])
     assert said == sorted(said) and said[0] < level and said[1] == pytest.approx(level)
+    beside = probability("name", flown_terms({"tempered": 400.0, "members": 3.0}), FLIGHTS)
+    assert level < beside < said[2]  # what else it took speaks against a name
+
+
+def test_more_evidence_makes_more_than_is_said_likelier_and_names_make_it_less_likely():
+    beside_nothing = [alone(nats) for nats in (0.0, 8.0, 40.0, 1000.0)]
+    terms = flown_open_terms(40.0, ("wind",))
+    assert set(terms) == set(calibration(FLIGHTS)["open"]["weights"])
+    assert beside_nothing == sorted(beside_nothing)
+    assert beside_nothing[1] < calibration(FLIGHTS)["level"]["open"] < beside_nothing[2]
+    assert probability("open", terms, FLIGHTS) < beside_nothing[2]
 
 
 def test_a_bend_of_nothing_is_no_end_of_physics():
