@@ -140,7 +140,7 @@ class Scorer:
     def _slopes_of(self, members: Sequence[Member]) -> Slopes:
         ch, frame = self.channels, self.channels.bare
         here = self.predict(members)
-        moves = [here - self._nothing]
+        moves = [ch.reduce(here - self._nothing)]  # each at once: a long flight is large
         for k, m in enumerate(members):
             point = m.point
             for j in range(len(point)):
@@ -148,10 +148,9 @@ class Scorer:
                 moved = point.copy()
                 moved[j] += step
                 others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
-                moves.append((self.predict(others) - here) / step)
-        reduced = ch.reduce(np.stack(moves, axis=-1))
-        columns = reduced[..., 1:]
-        return Slopes(reduced[..., 0], columns, self.colour.whiten(columns))
+                moves.append(ch.reduce((self.predict(others) - here) / step))
+        columns = np.stack(moves[1:], axis=-1) if members else np.zeros((*moves[0].shape, 0))
+        return Slopes(moves[0], columns, self.colour.whiten(columns))
 
     def linearised(
         self,

@@ -14,7 +14,14 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
-from coaxlink.residual.faults.flight_faults import _swapped, column_faults, motors_too_many, off_centre
+from coaxlink.residual.faults.flight_faults import (
+    _Judged,
+    _swapped,
+    column_faults,
+    motors_too_many,
+    off_centre,
+)
+from coaxlink.residual.faults.kinematics import kinematics_of
 from coaxlink.rotor import load_rotor_model
 
 
@@ -47,6 +54,17 @@ def test_another_scale_for_a_while_has_its_rows(clean):
     harmed = clean | {"accel_z_m_s2": np.where(late, 0.5, 1.0) * clean["accel_z_m_s2"]}
     ((column, rows, why),) = column_faults(Samples(harmed, "fault"))
     assert column == "accel_z_m_s2" and "times" in why and np.mean(rows == late) > 0.95
+
+
+@pytest.mark.parametrize(("less", "flagged"), [(0.97, False), (0.3, True)])
+def test_what_the_yardstick_misses_a_little_adds_up_to_no_fault_however_long_the_flight(
+    less, flagged, clean, monkeypatch
+):
+    kin = kinematics_of(Samples(clean, "long"))
+    long = replace(kin, first=np.tile(kin.first, 60))
+    judged = _Judged.of(long, np.ones(len(long.first), bool))
+    monkeypatch.setattr(_Judged, "_states", lambda j: iter([("roll_rad, pitch_rad", "odd", less * j.misses)]))
+    assert bool(list(judged.chained(len(clean["time_s"])))) == flagged
 
 
 def test_what_the_rest_of_the_log_contradicts_is_flagged(clean):
