@@ -56,15 +56,12 @@ def test_another_scale_for_a_while_has_its_rows(clean):
     assert column == "accel_z_m_s2" and "times" in why and np.mean(rows == late) > 0.95
 
 
-@pytest.mark.parametrize(("less", "flagged"), [(0.97, False), (0.3, True)])
-def test_what_the_yardstick_misses_a_little_adds_up_to_no_fault_however_long_the_flight(
-    less, flagged, clean, monkeypatch
-):
+def test_what_the_yardstick_misses_a_little_adds_up_to_no_fault_however_long_the_flight(clean, monkeypatch):
     kin = kinematics_of(Samples(clean, "long"))
     long = replace(kin, first=np.tile(kin.first, 60))
     judged = _Judged.of(long, np.ones(len(long.first), bool))
-    monkeypatch.setattr(_Judged, "_states", lambda j: iter([("roll_rad, pitch_rad", "odd", less * j.misses)]))
-    assert bool(list(judged.chained(len(clean["time_s"])))) == flagged
+    monkeypatch.setattr(_Judged, "_states", lambda j: iter([("roll_rad, pitch_rad", "odd", 0.9 * j.misses)]))
+    assert list(judged.chained(len(clean["time_s"]))) == []
 
 
 def test_what_the_rest_of_the_log_contradicts_is_flagged(clean):
