@@ -28,7 +28,6 @@ from coaxlink.residual.result import HIDDEN, WouldShow
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
 # of a rotor's load, judgement: what propellers of one mould, and their motors, differ by
 THRUST_SCATTER, TORQUE_SCATTER = 0.0015, 0.008
-LONG_ROWS = 60_000  # of a frame: beyond, fewer sets are fitted anew (seconds)
 MANY_ROWS = 5_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.flight import LONG_ROWS
 from coaxlink.residual.diagnosis.hypotheses import ROTOR, Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
@@ -83,13 +82,8 @@ def _placed(h: Hypothesis) -> Member:
 def _everywhere(ch: Channels, mine: Member) -> list[Member]:
     """The member at every rotor in every form, since when it was found."""
     plain = {k: v for k, v in mine.shape.items() if not any(k in way for way in WAYS)}
-    own, airframe = int(mine.shape[ROTOR]), ch.bare.airframe
-    numbers = [r.number for r in airframe.rotors]
-    if len(ch.bare.time_s) > LONG_ROWS:  # only the rotors of one pair are weighed (seconds)
-        pairs = [{numbers[i] for i in pair} for pair in airframe.pairs]
-        numbers = sorted({own}.union(*(pair for pair in pairs if own in pair)))
     out = []
-    for number in numbers:
+    for number in (r.number for r in ch.bare.airframe.rotors):
         for way in WAYS:
             shape, start = mine.effect.inverse(ch.bare, {**plain, ROTOR: float(number), **way})
             out.append(mine if shape == dict(mine.shape) else begun(ch, mine.effect, shape, start))

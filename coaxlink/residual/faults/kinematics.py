@@ -157,7 +157,9 @@ def step_of(log: Samples) -> float:
 
 def flying_rows(log: Samples) -> Mask:
     """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
-    total = np.sum([np.clip(np.nan_to_num(log[n]), 0.0, 1.0) for n in log.columns if MOTOR.fullmatch(n)], 0)
+    total = np.zeros(log.rows)
+    for name in filter(MOTOR.fullmatch, log.columns):
+        total += np.clip(np.nan_to_num(log[name]), 0.0, 1.0)
     return np.asarray(total > 0.4 * float(np.median(total)), bool)
 
 
