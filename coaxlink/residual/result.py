@@ -65,20 +65,6 @@ class FoundEffect:
     needs: tuple[str, ...] = ()
 
 
-# Of names held with certainty among those that can be weighed, so many are there, as counted
-# (docs/tracing_record.md, Calibration): what coaxlink has no name for cannot be weighed.
-AMONG_KNOWN = 0.98
-
-
-def probability(weighed: float) -> float:
-    """That a name is there, from its probability among the explanations that were weighed.
-
-    >>> probability(1.0)
-    0.98
-    """
-    return round(AMONG_KNOWN * weighed, 4)
-
-
 AT = " of rotor "  # between the name of an effect and its place, where the place is what is ambiguous
 
 

@@ -28,7 +28,7 @@ from coaxlink.studies.engine import Machine, Row, run
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".csv")
 INDEX = "fleet.csv"
-FALSE_ALARM = 0.02  # of a log without anything in it; docs/blind.md measures less
+FALSE_ALARM = 0.02  # of a log without anything in it; docs/measured.md has fewer
 CHANCE = 1e-3  # of one false word about a fleet
 _DATE = re.compile(r"(20\d\d)[-_.]?(\d{1,2})[-_.]?(\d{1,2})(?:[T_/ -]+(\d{1,2})[-_:]?(\d{2}))?")
 

@@ -32,7 +32,7 @@ from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.members import Member
-from coaxlink.residual.result import AT, Ambiguous, Refinement, Unexplained, probability
+from coaxlink.residual.result import AT, Ambiguous, Refinement, Unexplained
 
 Progress = Callable[[str], None]
 LEAST_ROWS = 80  # judged rows of a flight
@@ -144,7 +144,7 @@ def _placed(
         return members, (), ()
     if between := undecided(where):
         names = tuple(f"{mine.name}{AT}{p.rotor}" for p in between)
-        chances = tuple(probability(p.probability) for p in between)
+        chances = tuple(round(said.claimed[mine.name] * p.probability, 4) for p in between)
         return [m for m in members if m is not mine], (), (Ambiguous(names, LOOK, probability=chances),)
     if where[0].rotor != int(mine.shape[ROTOR]):
         members = [where[0].member if m is mine else m for m in members]

@@ -60,7 +60,8 @@ def test_two_rotors_that_nothing_decides_between_are_a_doubt_and_no_name(flights
     assert not said.effects and said.names == {"degraded_rotor"}
     (doubt,) = said.ambiguous
     assert doubt.names == ("degraded_rotor of rotor 3", "degraded_rotor of rotor 8")
-    assert doubt.probability == pytest.approx((0.735, 0.245))
+    sure, rest = doubt.probability  # as sure as the name is, shared as the rotors' are
+    assert 0.6 < sure < 0.75 and sure == pytest.approx(3.0 * rest, abs=2e-4)
 
 
 def test_a_rotor_is_claimed_where_all_others_together_are_improbable():
