@@ -25,12 +25,13 @@ from tracing import Answer, Log, Score, accepted, score, table
 PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
 # terms of which more makes a name likelier; and that there is more than is said
 RAISE = ("rival_", "weakest", "tempered", "cause", "load")
-RAISE_OPEN = ("raw", "own", "tempered", "steady", "agree")
+RAISE_OPEN = ("weakest", "tempered", "lag")
 EITHER_WAY = ("group", "said")  # of the others, more lowers the probability
-RIDGE = 3.0  # of a weight in standard deviations of its term
-# share of an author's logs that get a false name; a group of names without any that is there; of clean ones
-# an open end; of all flights a false name
-SHARES = {"name": 0.01, "group": 0.03, "open": 0.03, "flight": 0.01}
+FEW_TERMS = 0.3  # ridge where few terms are fitted: little to share their weight with
+RIDGES = {"name": 3.0, "open": FEW_TERMS}  # of a stand's weights in standard deviations of their terms
+# share of an author's logs that get a false name; a group of names without any that is there; of all clean
+# logs an open end; of all flights a false name; of clean ones an open end (55 hold no level to a hundredth)
+SHARES = {"name": 0.01, "group": 0.03, "open": 0.01, "flight name": 0.01, "flight open": 0.03}
 MODEL_OF = {"name": "name", "open": "open", "beyond": "open"}  # of an example: whose numbers judge it
 
 
@@ -68,7 +69,7 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
 
     def beyond(numbers: dict[str, float], said: Sequence[str]) -> dict[str, float]:
         flown = log.kind == "flight"
-        return flown_open_terms(sum(numbers.values()), said) if flown else opened_terms(numbers, said)
+        return flown_open_terms(numbers, said) if flown else opened_terms(numbers, said)
 
     if answer.get("cannot_judge") or answer.get("not_this_vehicle"):  # nothing of it is said
         return
@@ -115,7 +116,7 @@ class Logistic:
         return 1.0 / (1.0 + math.exp(-max(min(total, 30.0), -30.0)))
 
 
-def logistic(mine: Sequence[Example], ridge: float = RIDGE) -> Logistic:
+def logistic(mine: Sequence[Example], ridge: float) -> Logistic:
     """Fitted with every author weighing as the root of his logs, and signs that evidence can have."""
     import numpy as np
     from scipy.optimize import minimize
@@ -197,15 +198,18 @@ def decider(every: Sequence[Example], trained: Sequence[str]) -> Decider:
     said: dict[int, float] = {}
     for author, model in itertools.product(authors, trained):
         mine = [e for e in every if MODEL_OF[e.model] == model]
-        fitted = logistic([e for e in mine if e.author != author])
+        fitted = logistic([e for e in mine if e.author != author], RIDGES[model])
         said |= {id(e): fitted(e.terms) for e in mine if e.author == author}
     shipped = calibration()
     level = dict(shipped["level"])
     models = {model: Logistic(shipped[model]["intercept"], shipped[model]["weights"]) for model in MODELS}
     for model in trained:
-        models[model] = logistic([e for e in every if MODEL_OF[e.model] == model])
+        mine = [e for e in every if MODEL_OF[e.model] == model]
+        models[model] = logistic(mine, RIDGES[model])
         for kind in MODELS[model]:
-            level[kind] = max(_level([e for e in every if e.author == a], said, kind) for a in authors)
+            # clean logs of one author are too few to hold a level to one in a hundred
+            apart = [[e for e in mine if e.author == a] for a in authors] if kind != "open" else [mine]
+            level[kind] = max(_level(some, said, kind) for some in apart)
     return Decider(models, level)
 
 
@@ -261,36 +265,39 @@ def told(logs: Sequence[Log], answers: Sequence[Answer], picture: Path) -> None:
     draw(rows, picture)
 
 
-FEW_TERMS = 0.3  # ridge where few terms are fitted: little to share their weight with
-
-
 def train_flights(
-    logs: Sequence[Log], answers: Sequence[Answer], path: Path, picture: Path | None = None
+    logs: Sequence[Log],
+    answers: Sequence[Answer],
+    path: Path,
+    picture: Path | None = None,
+    trained: Sequence[str] = tuple(MODELS),
 ) -> None:
     """Write the probabilities of a flight's names and of more than is said, with the levels from which on
     they are told; print how they do on every set when that is left out.
     """
     import tomli_w
 
+    from coaxlink.residual.diagnosis.decide import FLIGHTS, calibration
+
     every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
     said: dict[int, float] = {}
-    own: dict[int, float] = {}
-    out: dict[str, Any] = {"level": {}}
-    for model, share in (("name", SHARES["flight"]), ("open", SHARES["open"])):
+    counts = Counter(author_of(log) for log in logs)
+    out = {name: dict(part) for name, part in calibration(FLIGHTS).items()}
+    for model in trained:
         mine = [e for e in every if MODEL_OF[e.model] == model]
         for root in {e.log.root for e in mine}:
             fitted = logistic([e for e in mine if e.log.root != root], FEW_TERMS)
             said |= {id(e): fitted(e.terms) for e in mine if e.log.root == root}
         whole = logistic(mine, FEW_TERMS)
-        own |= {id(e): whole(e.terms) for e in mine}
+        own = {id(e): whole(e.terms) for e in mine}
         some = [log for log in logs if model == "name" or log.sort == "clean"]
-        out["level"][model] = round(_level(mine, own, model, len(some), share), 4)
+        out["level"][model] = round(_level(mine, own, model, len(some), SHARES[f"flight {model}"]), 4)
         weights = {k: round(w, 5) for k, w in whole.weights.items()}
         out[model] = {"intercept": round(whole.intercept, 5), "weights": weights}
-    counts = Counter(author_of(log) for log in logs)
-    head = "# written by: python research/tracing.py SET... --kind flight --train; logs: "
-    path.write_text(f"{head}{', '.join(f'{a} {n}' for a, n in sorted(counts.items()))}\n{tomli_w.dumps(out)}")
-    rows = diagram(every, said, " in flight")
+        out["logs"][model] = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
+    head = "# written by: python research/tracing.py SET... --kind flight --train\n"
+    path.write_text(head + tomli_w.dumps(out))
+    rows = diagram([e for e in every if id(e) in said], said, " in flight")
     print(f"levels {out['level']}, every set left out in turn", *rows, sep="\n")
     if picture:
         draw(rows, picture)

@@ -494,7 +494,7 @@ def main() -> None:
 
         answers = [ask(log) for log in logs]
         if a.kind == ["flight"]:
-            decision.train_flights(logs, answers, a.train, a.picture)
+            decision.train_flights(logs, answers, a.train, a.picture, a.models)
         else:
             decision.train(logs, answers, a.train, a.picture, a.models)
     elif a.picture:

@@ -32,6 +32,7 @@ STANDS, FLIGHTS = "calibration.toml", "calibration_flights.toml"  # as `--train`
 # (special case, general case): what holds the general one has the special one in it, or is one of both
 IMPLIED = (("rotor_drag", "wind"),)
 SPECIAL = (*IMPLIED, ("mass_change", "battery_voltage"))
+FEIGNED = "rotor_lag"  # loops that answer gusts look like it
 AT_END = 1e-3  # of a number's range
 IDLE = 0.01  # of what a member adds, judgement: a number that changes less does nothing
 WAYS = ("raw", "tempered", "own")
@@ -136,22 +137,30 @@ def decided_in_flight(flown: Flown) -> tuple[Decision, Hypothesis, Left]:
     said = {*claimed, *(n for g in groups for n in g.names)}
     for names in dict.fromkeys([(), tuple(sorted(said))]):
         numbers = _left_open(found, lead, left, {*names, *bound})
-        opened = probability("open", flown_open_terms(sum(numbers.values()), names), FLIGHTS)
+        opened = probability("open", flown_open_terms(numbers, names), FLIGHTS)
         weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
     decision = Decision(claimed, tuple(groups), withheld, opened, opened >= level["open"], tuple(weighed))
     return decision, lead, left
 
 
-def alone(nats: float) -> float:
-    """Probability that a flight holds something, where so many nats are all that speak for it."""
-    return probability("open", flown_open_terms(nats, ()), FLIGHTS)
+def alone(kind: str, nats: float) -> float:
+    """Probability that a flight holds something, where so many nats of a kind are all that speak for it."""
+    return probability("open", flown_open_terms({kind: nats}, ()), FLIGHTS)
 
 
 def _left_open(found: Posterior, lead: Hypothesis, left: Left, apart: Collection[str]) -> dict[str, float]:
-    """What speaks for more than these names: nats of the others, of the best free form, of the best line."""
-    less = [found.nats_behind(h) for h in found.sets if h.effects <= set(apart)]
+    """What speaks for more than these names: nats of the others, of the best free form, of the best line.
+
+    Those of a lag for themselves.
+    """
+    here = found.nats_behind(lead)
+    whole, less = (
+        max(min((found.nats_behind(h) for h in found.sets if h.effects <= some), default=MOST) - here, 0.0)
+        for some in ({*apart}, {*apart, FEIGNED})
+    )
     return {
-        "name": max(min(less, default=MOST) - found.nats_behind(lead), 0.0),
+        "name": less,
+        "lag": whole - less,
         "form": max((f.nats for f in left.forms if f.nats > 0.0), default=0.0),
         "line": max((line.nats for line in left.lines), default=0.0),
     }
@@ -246,10 +255,15 @@ def terms_of(candidate: Candidate) -> dict[str, float]:
 
 
 def opened_terms(numbers: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
-    """The numbers of what is open beyond some names as the logistic model takes them: a name's own law misses
-    more than nothing does.
+    """What the logistic model takes of what a stand log holds beyond some names: it is as sure as its weakest
+    number.
     """
-    return {name: _scaled(name, value) for name, value in numbers.items()} | {"said": float(bool(said))}
+    return _beyond({"weakest": max(min(numbers[way] for way in WAYS), 0.0)}, said)
+
+
+def _beyond(nats: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
+    """A name's own law misses more than nothing does."""
+    return {name: _scaled(name, value) for name, value in nats.items()} | {"said": float(bool(said))}
 
 
 def flown_terms(numbers: Mapping[str, float]) -> dict[str, float]:
@@ -257,11 +271,12 @@ def flown_terms(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: _scaled(name, numbers[name]) for name in ("tempered", "members")}
 
 
-def flown_open_terms(nats: float, said: Collection[str]) -> dict[str, float]:
+def flown_open_terms(numbers: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
     """What the logistic model takes of what a flight holds beyond some names: nats of a name, a form and a
     line add up.
     """
-    return opened_terms({"tempered": nats}, said)
+    lag = numbers.get("lag", 0.0)
+    return _beyond({"tempered": sum(numbers.values()) - lag, "lag": lag}, said)
 
 
 def flown_nats() -> float:
@@ -271,7 +286,7 @@ def flown_nats() -> float:
     return float(np.expm1(total / model["weights"]["tempered"]))
 
 
-PLAIN = ("agree", "beside", "forms", "load", "members")  # numbers that are no nats
+PLAIN = ("beside", "forms", "load", "members")  # numbers that are no nats
 
 
 def _scaled(name: str, value: float) -> float:

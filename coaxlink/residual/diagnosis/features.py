@@ -20,7 +20,7 @@ from coaxlink.residual.diagnosis.causes import METER, own_cause
 from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
-from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior, density_by_block
+from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
 from coaxlink.residual.members import composed
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
@@ -93,13 +93,10 @@ class Features:
         plain = [h for h in self.found.sets if h.effects <= set(claimed) and not h.forms]
         best = max(self.found.sets, key=lambda h: h.score)
         base = max(plain, key=lambda h: h.score, default=self.found.sets[-1])
-        steady, agree = self._steady(base, best)
         return {
             "raw": float(best.score - base.score),
             "own": float(self.own(best) - self.own(base)),
             "tempered": float(max(self.tempered(base) - self.tempered(best), 0.0)),
-            "steady": steady,
-            "agree": agree,
         }
 
     def tempered(self, h: Hypothesis) -> float:
@@ -127,13 +124,6 @@ class Features:
             f"{kind}_tempered": min(self.tempered(h) for h in sets),
             f"{kind}_own": float(self.own(self.lead) - max(self.own(h) for h in best)),
         }
-
-    def _steady(self, without: Hypothesis, best: Hypothesis) -> tuple[float, float]:
-        """Standard errors over blocks by which the log is more probable under one set, and the share of
-        blocks."""
-        ahead = density_by_block(self.ch, best) - density_by_block(self.ch, without)
-        spread = float(np.std(ahead)) * np.sqrt(len(ahead))
-        return float(np.clip(ahead.sum() / max(spread, 1e-9), -50.0, 50.0)), float(np.mean(ahead > 0.0))
 
     def _freed(self, name: str) -> float:
         """Nats of a name beside free curves of every load over the causes of the other names.

@@ -14,6 +14,7 @@ from coaxlink.residual.channels.flight_floor import floor_behind
 from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.diagnosis.answer import Pieces, concluded, doubt_of, pieces_of, told, unnamed
 from coaxlink.residual.diagnosis.decide import (
+    FEIGNED,
     FLIGHTS,
     NOTHING,
     Decision,
@@ -92,14 +93,19 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> li
         return []
     ch, parts = found.channels, list[tuple[float, Pieces]]()
     for form in left.forms:
-        parts.append((alone(max(form.nats, 0.0)), pieces_of(left.channels, form.shown)))
+        parts.append((alone("form", max(form.nats, 0.0)), pieces_of(left.channels, form.shown)))
     for line in left.lines:
         words = f"it comes and goes with a period of {line.period_s:.2g} s, by nothing recorded"
-        parts.append((alone(line.nats), {line.channel: [(line.rms, TIME, words)]}))
+        parts.append((alone("line", line.nats), {line.channel: [(line.rms, TIME, words)]}))
     for m in [m for m in lead.members if m.name in said.withheld]:
         u = unnamed(ch, found.posterior, lead, m, said.withheld[m.name])
         nats = flown_numbers(ch, found.posterior, lead, m)["tempered"]
-        parts.append((alone(nats), {u.channel: [(u.rmse, u.depends_on[0], u.where)]}))
+        parts.append(
+            (
+                alone("lag" if m.name == FEIGNED else "name", nats),
+                {u.channel: [(u.rmse, u.depends_on[0], u.where)]},
+            )
+        )
     parts.sort(key=lambda part: -part[0])
     level, pieces = calibration(FLIGHTS)["level"]["open"], Pieces()
     for k, (p, mine) in enumerate(parts):

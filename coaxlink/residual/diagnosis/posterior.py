@@ -118,14 +118,6 @@ def _log_density(colour: Colour, h: Hypothesis) -> float:
     return float(-0.5 * np.sum(left**2) - colour.rows(len(left)) @ np.log(h.fit.noise))
 
 
-def density_by_block(ch: Channels, h: Hypothesis) -> Array:
-    """(blocks,) log density of the rows under a set with its own noise."""
-    left = h.colour.whiten(h.left) / h.fit.noise
-    each = h.colour.rows(1)
-    rows = -0.5 * np.sum(left**2, axis=1) - each @ np.log(h.fit.noise)
-    return np.asarray(np.bincount(ch.block, rows))
-
-
 def temper(ch: Channels, colour: Colour, best: Hypothesis, rival: Hypothesis) -> float:
     """Share of the likelihood that counts: one over the dispersion of what tells the two apart."""
     if best is rival:

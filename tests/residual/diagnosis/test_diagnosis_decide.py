@@ -21,8 +21,14 @@ def said(nats, **more):
 def test_every_trained_term_is_worked_out():
     numbers = dict.fromkeys((*KINDS, "freed", "beside", "load", "members", "forms"), 1.0)
     assert set(calibration()["name"]["weights"]) <= set(terms_of(Candidate(("x",), numbers)))
-    opened = dict.fromkeys(("raw", "own", "tempered", "steady", "agree"), 1.0)
-    assert set(calibration()["open"]["weights"]) == set(opened_terms(opened, ()))
+    assert set(calibration()["open"]["weights"]) == set(opened_terms(dict.fromkeys(WAYS, 1.0), ()))
+
+
+def test_more_is_there_as_surely_as_its_weakest_number_says():
+    nats = dict.fromkeys(WAYS, 300.0)
+    whole, weak = (probability("open", opened_terms(n, ())) for n in (nats, nats | {"own": 2.0}))
+    assert weak < calibration()["level"]["open"] < whole
+    assert probability("open", opened_terms(nats, ("wind",))) < whole
 
 
 def test_more_evidence_makes_a_name_more_probable():

@@ -109,12 +109,13 @@ def test_a_flights_name_is_judged_by_the_terms_that_were_trained_and_more_nats_r
 
 
 def test_more_evidence_makes_more_than_is_said_likelier_and_names_make_it_less_likely():
-    beside_nothing = [alone(nats) for nats in (0.0, 8.0, 40.0, 1000.0)]
-    terms = flown_open_terms(40.0, ("wind",))
+    beside_nothing = [alone("form", nats) for nats in (0.0, 8.0, 40.0, 1000.0)]
+    terms = flown_open_terms({"form": 40.0}, ("wind",))
     assert set(terms) == set(calibration(FLIGHTS)["open"]["weights"])
     assert beside_nothing == sorted(beside_nothing)
     assert beside_nothing[1] < calibration(FLIGHTS)["level"]["open"] < beside_nothing[2]
     assert probability("open", terms, FLIGHTS) < beside_nothing[2]
+    assert alone("lag", 40.0) < beside_nothing[2]  # loops that answer gusts feign one
 
 
 def test_a_bend_of_nothing_is_no_end_of_physics():
