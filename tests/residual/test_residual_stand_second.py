@@ -48,7 +48,7 @@ def followed(t, asked, up, down):
 @pytest.mark.parametrize(
     ("strange", "where"),
     [
-        (lambda a, b: 1.5 * np.sin(14.0 * (a - b)), "upper_speed - lower_speed"),
+        (lambda a, b: 2.0 * np.sin(14.0 * (a - b)), "upper_speed - lower_speed"),
         (lambda a, b: 4.0 * np.exp(-(((a + b - 1.1) / 0.06) ** 2)), "upper_speed + lower_speed"),
     ],
 )
