@@ -36,7 +36,8 @@ def verdict(result: Refinement) -> str:
     if result.unexplained:
         return f"no known effect explains what is left{_more(result)}"
     if result.surface:
-        return f"no effect found, but the loads are no polynomials of the speeds: {surface(result)}"
+        bent = f"the loads are no polynomials of the speeds: {surface(result)}"
+        return f"no effect found, but {bent}{_more(result)}"
     if times_floor := above_floor(result):
         times = max(times_floor.values())
         return (

@@ -19,7 +19,7 @@ from coaxlink.live.counts import Counters
 
 
 def answer(*effects, **rest):
-    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "channels": {}} | rest
+    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "channels": {}, "more": 0.3} | rest
     return SimpleNamespace(effects=[SimpleNamespace(name=n) for n in effects], **parts)
 
 
@@ -46,6 +46,8 @@ def test_other_answers():
     with case_table() as case:
         for found, said in (
             (answer(), "nothing to mend"),
+            (answer(more=None), "nothing to mend"),
+            (answer(more=0.8), "a longer flight would show what may be there"),
             (answer(suspect_data=[SimpleNamespace(column="rpm3")]), "rpm3"),
             (
                 answer(

@@ -14,8 +14,16 @@ from coaxlink.files import example
 from coaxlink.report.html import PagePicture, PageTable, html_table, render
 from coaxlink.report.made import Made
 from coaxlink.report.page import chance, count, page, sentence
-from coaxlink.report.refine import tables
-from coaxlink.residual.result import ChannelError, FoundEffect, ParameterValue, Refinement, Rejected, Step
+from coaxlink.report.refine import tables, verdict
+from coaxlink.residual.result import (
+    ChannelError,
+    FoundEffect,
+    ParameterValue,
+    Refinement,
+    Rejected,
+    SmoothSurface,
+    Step,
+)
 
 ERROR = ChannelError("N m", 0.0034, 0.647, 0.0034, (0.64, 0.65), (0.003, 0.004), 639, 0.66)
 WEAK = FoundEffect(
@@ -118,3 +126,10 @@ def test_a_picture_is_whole_in_its_page_however_large(made):
                   worths=PageTable((), ()), terms="", laws=PageTable((), ()))  # fmt: skip
     (encoded,) = re.findall(r'src="data:image/png;base64,([^"]*)"', shown)
     assert base64.b64decode(encoded) == png and "<c>" not in shown
+
+
+@pytest.mark.parametrize("found", [{}, {"surface": (SmoothSurface("upper_thrust", 0.1, 0.01, "N"),)}])
+def test_that_nothing_is_found_says_how_probable_it_is_that_something_is_there(found):
+    said = Refinement("stand", {}, (), (), (), (), (), None, more=0.44, **found)
+    assert verdict(said).endswith("probability that something is there: 0.44")
+    assert "probability" not in verdict(replace(said, more=None))

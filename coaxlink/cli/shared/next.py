@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from coaxlink.residual import Refinement
 
+LIKELY = 0.5  # that something is there, where nothing is said to be: more likely than not
 WEAK = "ground it, change its propeller or motor, fly the check again"
 _WARM = (
     "the same points after a rest and after minutes at full load, doors open, motor_temperature_C and "
@@ -55,6 +56,9 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
     if left := above_floor(result):
         calm = "a flight in calm air" if flight else "a slower run"
         return f"next: {calm} would show what is in {', '.join(left)}; no model was changed"
+    if result.more is not None and result.more > LIKELY:
+        again = "a longer flight" if flight else "a longer run"
+        return f"next: {again} would show what may be there; no model was changed"
     return "next: nothing to mend; the model explains these data to their noise"
 
 
