@@ -30,8 +30,8 @@ from coaxlink.signals import derivative, difference_gain, lagged, low_pass, nois
 CUTOFF_HZ = 4.0
 BAND = 0.2  # of the rows' rate: as much again lies above, where noise shows, and below half the rate
 TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
-LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
-MANY_ROWS, STRETCH_S = 60_000, 120.0  # of hours of flight: beyond, one stretch in so many is judged
+# rows of hours of flight (seconds, memory): beyond, half the rate does, then one stretch in so many is judged
+MANY_ROWS, LONG_RATE_HZ, STRETCH_S = 60_000, 30.0, 120.0
 LEAST_ROWS, LEAST_S = 40, 4.0  # of a gapless stretch
 JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
@@ -101,7 +101,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     source = logs[0].source if logs else ""
     if not runs:
         raise InputError(source, "time_s", "no gapless stretch of 4 s or more")
-    top = TOP_RATE_HZ if sum(r.rows_at(TOP_RATE_HZ) for r in runs) <= LONG_ROWS else LONG_RATE_HZ
+    top = TOP_RATE_HZ if sum(r.rows_at(TOP_RATE_HZ) for r in runs) <= MANY_ROWS else LONG_RATE_HZ
     runs, share = _some(runs, top)
     stretches = [_uniform(r, logs[r.log], motors, airframe, model, top) for r in runs]
     rate = min(s.rate_hz for s in stretches)

@@ -38,7 +38,6 @@ class Form:
     """A free form of one channel, and how far the rows bear it out."""
 
     shown: Hypothesis
-    channel: str
     nats: float
     size: float  # of the reference load
 
@@ -116,7 +115,7 @@ class Left:
         ahead = h.fit.log_evidence - self.without.fit.log_evidence
         moved = self.without.left[:, c] - h.left[:, c]
         size = float(np.sqrt(np.mean(moved**2)) / self.channels.reference[c])
-        return Form(h, channel, float(ahead / time + h.log_prior - self.without.log_prior), size)
+        return Form(h, float(ahead / time + h.log_prior - self.without.log_prior), size)
 
 
 def _over(form: str) -> str:
