@@ -13,7 +13,7 @@ from coaxlink.data import read_flight_log
 from coaxlink.residual import refine
 from coaxlink.rotor import load_rotor_model
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 FLIGHTS = DATA / "flights"
 pytestmark = [
     pytest.mark.shared_data,
