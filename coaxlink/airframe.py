@@ -8,7 +8,7 @@ turns the body clockwise, +yaw in FRD (Berra, Trujillo and Heredia 2024, eq. 8 i
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -100,13 +100,32 @@ class Airframe:
         thrust_gain, torque_gain = self.gains
         return thrust * thrust_gain, torque * torque_gain
 
-    def turned(self, model: RotorModel, commands: ArrayLike) -> NDArray[np.float64]:
-        """Normalised speeds (..., N) that commands (..., N) ask for: the same, or by the model's curve."""
-        u = np.asarray(commands, float)
-        if not model.rpm_over_throttle:
-            return u
-        lower = np.array([rotor.level == "lower" for rotor in self.rotors])
-        return np.where(lower, model.turned(u, "lower"), model.turned(u, "upper"))
+    def turned(
+        self, model: RotorModel, commands: ArrayLike, voltage_V: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
+        """Normalised speeds (..., N) that commands (..., N) give, at a supply (...) where that is known."""
+        return self._each(model.turned, np.asarray(commands, float), voltage_V)
+
+    def commanded(
+        self, model: RotorModel, speeds: ArrayLike, voltage_V: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
+        """Commands (..., N) that hold normalised speeds (..., N): the inverse of `turned`."""
+        return self._each(model.commands, np.asarray(speeds, float), voltage_V)
+
+    def _each(
+        self, of_pair: Callable[..., tuple[NDArray[np.float64], NDArray[np.float64]]],
+        given: NDArray[np.float64], voltage_V: ArrayLike | None,
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """What `of_pair` makes of both numbers of every pair; a single rotor is an upper one alone."""
+        volts = None if voltage_V is None else np.asarray(voltage_V, float)[..., None]
+        out = np.empty(given.shape)
+        if self.pairs:
+            upper, lower = map(list, zip(*self.pairs, strict=True))
+            out[..., upper], out[..., lower] = of_pair(given[..., upper], given[..., lower], volts)
+        if self.singles:
+            alone = list(self.singles)
+            out[..., alone] = of_pair(given[..., alone], np.zeros(len(alone)), volts)[0]
+        return out
 
     def body_loads(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """Force and moment (..., 6) in FRD, [Fx, Fy, Fz, Mx, My, Mz], of rotor loads (..., N)."""

@@ -114,17 +114,17 @@ def make_table(
         raise SafetyRefusal("a rotor is weak: ground it (around_weak_rotor: a table around it)")
     made_from = f"{vehicle.rotors.form}, {len(vehicle.rotors.effects)} effects"
     if firmware == "px4":
-        from coaxlink.tables.px4 import px4_speeds, report_px4
+        from coaxlink.tables.px4 import px4_commands, report_px4
 
         report = report_px4(vehicle, law)
         texts = table_files.table_files(vehicle.airframe, report, made_from)
-        return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
+        return Table(firmware, law, report.params, texts, report.findings, px4_commands(report.mix))
     if firmware == "ardupilot":
-        from coaxlink.tables.ardupilot import ap_speeds, report_ap
+        from coaxlink.tables.ardupilot import ap_commands, report_ap
 
         made = report_ap(vehicle, law)
         texts = table_files.table_files(vehicle.airframe, made, made_from)
-        return Table(firmware, law, made.params, texts, made.findings, ap_speeds(made.mix))
+        return Table(firmware, law, made.params, texts, made.findings, ap_commands(made.mix))
     raise InputError("firmware", firmware, f"one of {', '.join(FIRMWARES)} is expected")
 
 

@@ -26,7 +26,7 @@ from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.mixer.demands import Speeds
+    from coaxlink.mixer.demands import Commands
     from coaxlink.mixer.fitted import FittedTable
     from coaxlink.tables.ardupilot import ApReport
     from coaxlink.tables.px4 import TableReport
@@ -72,9 +72,9 @@ def table(
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
     from coaxlink.report.worth import price
-    from coaxlink.tables.ardupilot import ap_speeds, report_ap
+    from coaxlink.tables.ardupilot import ap_commands, report_ap
     from coaxlink.tables.default_law import choose_law
-    from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
+    from coaxlink.tables.px4 import TableReport, px4_commands, report_px4
     from coaxlink.tables.rate_gains import preserved_gains
     from coaxlink.uploading.beside import beside_ap, beside_px4
 
@@ -99,9 +99,9 @@ def table(
                 vehicle, law, frame_class=frame_class, spin_min=low, spin_max=high, spin_arm=arm, fit=fit
             )
 
-        def speeds_of(law: str, fit: FittedTable | None) -> Speeds:
+        def speeds_of(law: str, fit: FittedTable | None) -> Commands:
             made = reported(law, fit)
-            return px4_speeds(made.mix) if isinstance(made, TableReport) else ap_speeds(made.mix)
+            return px4_commands(made.mix) if isinstance(made, TableReport) else ap_commands(made.mix)
 
         chosen = None
         if law is None:

@@ -72,22 +72,15 @@ class StaticVehicle:
     thrust: Array  # (N,) gains of every rotor's thrust
     torque: Array  # (N,) of its torque
     usual_lift: Callable[[Airframe, RotorModel], float]  # N, thrust over speed squared of a rotor in hover
-    speed: float = 1.0  # of every rotor over its command
-    changes: list[Change] = field(default_factory=list)  # of the pair's surfaces over commands
-    drive: list[Change] = field(default_factory=list)  # those of them that are the drive's: none over speeds
+    speed: float = 1.0  # of every rotor over what it is commanded
+    changes: list[Change] = field(default_factory=list)  # of the pair's surfaces
+    turning: list[Callable[[Array], Array]] = field(default_factory=list)  # speeds that nominal ones become
 
     def turn(self, factor: float, condition: str, value: float) -> None:
-        """Let every rotor turn at `factor` of its command; raises InputError where no drive does that."""
+        """Let every rotor turn at `factor` of what it is commanded; InputError where no drive does that."""
         refuse_speed(factor, condition, value)
         self.speed *= factor
 
     def turn_at(self, speed_of: Callable[[Array], Array]) -> None:
-        """Let rotors turn at `speed_of(command)`: a change of the surfaces over the commands."""
-
-        def change(model: RotorModel, loads: Loads) -> Loads:
-            nominal = model.loads(loads.upper, loads.lower)
-            turned = model.loads(speed_of(loads.upper), speed_of(loads.lower))
-            return loads.plus({load: turned[load] - nominal[load] for load in Load})
-
-        self.changes.append(change)
-        self.drive.append(change)
+        """Let rotors that are commanded a speed (...) turn at `speed_of` it."""
+        self.turning.append(speed_of)

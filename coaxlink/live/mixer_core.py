@@ -127,7 +127,7 @@ class MixCore:
             raise InputError(
                 airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} rotors at most"
             )
-        self._standard = standard_coefficients(vehicle.model)
+        self._standard = standard_coefficients(vehicle.model, of_commands=True)
         self.scale = DemandScale(airframe, self._standard, own_curve)
         self.vehicle, self.compensation = vehicle, compensation
         self.law = make_law(law, vehicle) if isinstance(law, str) else law

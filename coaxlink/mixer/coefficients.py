@@ -7,6 +7,7 @@ every rotor for a lone one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
 from coaxlink.vehicle import plain_rotors
+
+Turned = Callable[..., tuple[NDArray[np.float64], NDArray[np.float64]]]  # speeds of both commands
 
 # the paper's bench grid: 11 x 11 throttle levels over 0 .. 90 %
 GRID = np.linspace(0.0, 0.9, 11)
@@ -53,8 +56,8 @@ class StandardCoefficients:
     q: float
 
 
-def reduced_coefficients(model: RotorModel) -> ReducedCoefficients:
-    """Pure-square terms of a rotor model (eq. 6).
+def reduced_coefficients(model: RotorModel, *, of_commands: bool = False) -> ReducedCoefficients:
+    """Pure-square terms of a rotor model (eq. 6), per squared speed; `of_commands`: per squared command.
 
     Where the model holds nothing but squares (form rcrm, srm) they are its own. Otherwise squares alone are
     fitted to its surface on GRID x GRID by least squares: on eq. 17 this gives 85.7, 80.4, -34.6 N, not the
@@ -62,29 +65,34 @@ def reduced_coefficients(model: RotorModel) -> ReducedCoefficients:
     """
     plain_rotors(model)
     upper, lower = (x.ravel() for x in np.meshgrid(GRID, GRID, indexing="ij"))
-    p_0u, _ = _squares(model.upper_thrust, upper, np.zeros_like(upper))
-    q_0u, _ = _squares(model.upper_torque, upper, np.zeros_like(upper))
-    p_1l, p_0l = _squares(model.lower_thrust, upper, lower)
-    q_1l, q_0l = _squares(model.lower_torque, upper, lower)
+    none, turned = np.zeros_like(upper), model.turned if of_commands and model.drive else None
+    p_0u, _ = _squares(model.upper_thrust, upper, none, turned)
+    q_0u, _ = _squares(model.upper_torque, upper, none, turned)
+    p_1l, p_0l = _squares(model.lower_thrust, upper, lower, turned)
+    q_1l, q_0l = _squares(model.lower_torque, upper, lower, turned)
     return ReducedCoefficients(p_0u, p_0l, p_1l, q_0u, q_0l, q_1l)
 
 
-def standard_coefficients(model: RotorModel) -> StandardCoefficients:
-    """The lone rotor of eq. 18: f = p u^2 and tau = q u^2 of the upper rotor with the lower one removed.
+def standard_coefficients(model: RotorModel, *, of_commands: bool = False) -> StandardCoefficients:
+    """The lone rotor of eq. 18: f = p u^2 and tau = q u^2 of the upper rotor with the lower one removed,
+    u the speed, or `of_commands` the command.
 
     Least squares over GRID where the model has more than squares.
     """
     plain_rotors(model)
-    none = np.zeros_like(GRID)
-    (p, _), (q, _) = (_squares(load, GRID, none) for load in (model.upper_thrust, model.upper_torque))
+    none, turned = np.zeros_like(GRID), model.turned if of_commands and model.drive else None
+    (p, _), (q, _) = (_squares(load, GRID, none, turned) for load in (model.upper_thrust, model.upper_torque))
     return StandardCoefficients(p, q)
 
 
-def _squares(load: Polynomial, upper: NDArray[np.float64], lower: NDArray[np.float64]) -> tuple[float, float]:
+def _squares(
+    load: Polynomial, upper: NDArray[np.float64], lower: NDArray[np.float64], turned: Turned | None
+) -> tuple[float, float]:
     """(per u_u^2, per u_l^2): the polynomial's own terms if it has no others, else its least-squares fit."""
     terms = load.terms()
-    if set(terms) <= {"u_u^2", "u_l^2"}:
+    if turned is None and set(terms) <= {"u_u^2", "u_l^2"}:
         return terms.get("u_u^2", 0.0), terms.get("u_l^2", 0.0)
     matrix = np.stack([upper**2, lower**2], axis=-1)
-    fit, *_ = np.linalg.lstsq(matrix, load(upper, lower), rcond=None)
+    speeds = (upper, lower) if turned is None else turned(upper, lower)
+    fit, *_ = np.linalg.lstsq(matrix, load(*speeds), rcond=None)
     return float(fit[0]), float(fit[1])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
-from coaxlink.mixer.demands import law_speeds
+from coaxlink.mixer.demands import law_commands
 from coaxlink.mixer.law import Law
 from coaxlink.mixer.worth import TableOnRotors, reach, solve
 from coaxlink.vehicle import Vehicle
@@ -62,9 +62,9 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
 
     delivered, power = flown(wrenches)
     error = np.abs(delivered - wrenches)
-    full = float(airframe.wrench(*airframe.loads(model, np.ones(len(airframe.rotors))))[0])
+    full = float(airframe.wrench(*airframe.loads(model, vehicle.full))[0])
     fly = TableOnRotors(
-        vehicle, law_speeds(law, airframe, 2.0 * full)
+        vehicle, law_commands(law, vehicle, 2.0 * full)
     )  # a law that believes in more gets there
     hover = solve(fly.lift, weight)
     radians = model.speed_max_rpm * RAD_S_PER_RPM

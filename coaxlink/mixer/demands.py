@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.law import Law
+from coaxlink.vehicle import Vehicle
 
-# (roll, pitch, yaw -1..1, thrust up 0..1) -> normalised speeds (N,)
-Speeds = Callable[[float, float, float, float], NDArray[np.float64]]
+# (roll, pitch, yaw -1..1, thrust up 0..1) -> motor commands (N,), 0..1
+Commands = Callable[[float, float, float, float], NDArray[np.float64]]
 
 ENVELOPE = (0.765, 1.326)  # thrusts, of the weight: 150 to 260 N of the paper's vehicle
 
@@ -46,11 +47,11 @@ def demand_units(airframe: Airframe, ceiling_N: float) -> NDArray[np.float64]:
     return np.array([ceiling_N, turn, turn, 0.25 * turn])
 
 
-def law_speeds(law: Law, airframe: Airframe, ceiling_N: float) -> Speeds:
-    """A law on wrenches as one on demands, in `demand_units`."""
-    units = demand_units(airframe, ceiling_N)
+def law_commands(law: Law, vehicle: Vehicle, ceiling_N: float) -> Commands:
+    """A law on wrenches as one on demands, in `demand_units`: what motors are told for its speeds."""
+    units = demand_units(vehicle.airframe, ceiling_N)
 
-    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
-        return law.speeds(units * (thrust, roll, pitch, yaw))
+    def commands(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        return np.clip(vehicle.commanded(law.speeds(units * (thrust, roll, pitch, yaw))), 0.0, 1.0)
 
-    return speeds
+    return commands

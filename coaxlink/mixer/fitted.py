@@ -85,7 +85,7 @@ def mixing(airframe: Airframe, ct: Array, yaw: Array) -> Array:
 
 
 def bend(setpoints: ArrayLike, curve: float, spin_min: float, spin_max: float) -> Array:
-    """Normalised speeds of setpoints: the curve's inverse, then the spin range; clipped to 0..1."""
+    """Motor commands of setpoints: the curve's inverse, then the spin range; clipped to 0..1."""
     s = np.clip(np.asarray(setpoints, float), 0.0, 1.0)
     if curve > 1e-6:
         half = (1.0 - curve) / (2.0 * curve)
@@ -117,7 +117,7 @@ class TableFit:
 
     def __init__(self, vehicle: Vehicle, low: float, high: float, demands: Array | None = None) -> None:
         require_vehicle(vehicle)
-        self.airframe, self.model = vehicle.airframe, vehicle.model
+        self.vehicle, self.airframe, self.model = vehicle, vehicle.airframe, vehicle.model
         self.demands = envelope(self.airframe) if demands is None else np.asarray(demands, float)
         self.low, self.high = low, high
         self.weight = self.airframe.mass_kg * GRAVITY_M_S2
@@ -186,7 +186,11 @@ class TableFit:
     def speeds(self, columns: Columns) -> Array:
         """(rows, N) for the demands."""
         ct, yaw, curve = columns
-        return bend(self.demands @ mixing(self.airframe, ct, yaw).T, curve, self.low, self.high)
+        return self._turned(self.demands @ mixing(self.airframe, ct, yaw).T, curve)
+
+    def _turned(self, setpoints: Array, curve: float) -> Array:
+        """Speeds that an autopilot's setpoints (..., N) give."""
+        return self.vehicle.turned(bend(setpoints, curve, self.low, self.high))
 
     def error(self, columns: Columns) -> Array:
         """(rows, 4) delivered minus demanded."""
@@ -207,11 +211,11 @@ class TableFit:
         """Ceiling and yaw in hover."""
         ct, yaw, curve = columns
         mix = mixing(self.airframe, ct, yaw)
-        full = bend(mix[:, 0] / mix[:, 0].max(), curve, self.low, self.high)
+        full = self._turned(mix[:, 0] / mix[:, 0].max(), curve)
         hover, turn = mix[:, 0] * self.weight, mix[:, 3]
         with np.errstate(divide="ignore"):
             room = np.where(turn > 0, (1.0 - hover) / turn, np.where(turn < 0, -hover / turn, np.inf))
-        u = bend(hover + turn * max(float(room.min()), 0.0), curve, self.low, self.high)
+        u = self._turned(hover + turn * max(float(room.min()), 0.0), curve)
         return float(self._wrench(full)[0]), float(self._wrench(u)[3])
 
     def _columns(self, share: float, x: Array, split: float | None = None) -> Columns:
@@ -224,7 +228,7 @@ class TableFit:
 
     def _with_share(self, share: float, split: float | None = None) -> tuple[Trade, Array]:
         """The best table with this share, and this split of yaw, one number a level."""
-        c = reduced_coefficients(self.model)
+        c = reduced_coefficients(self.model, of_commands=True)
         usual = np.array([c.p_0l, max(share * c.q_0l, 0.1), c.q_0l, c.p_0u, c.q_0u, 0.7])
         low, high = [*(0.01 * usual[:5]), 0.02], [*(20 * usual[:5]), 1.001]
         starts = [usual]
@@ -280,7 +284,7 @@ class FittedLaw:
 
     def __init__(self, vehicle: Vehicle, table: FittedTable | None = None) -> None:
         require_vehicle(vehicle)
-        self.table = fit_table(vehicle) if table is None else table
+        self.table, self._vehicle = fit_table(vehicle) if table is None else table, vehicle
         self._mix = realise(px4_columns(vehicle.airframe, self.table))
 
     def speeds(self, wrench: ArrayLike) -> Array:
@@ -288,7 +292,7 @@ class FittedLaw:
         thrust, roll, pitch, yaw = checked_wrench(wrench)
         # a control of 1 on an axis means `scale` of wrench: PX4 divides each column of the mix by it
         control = np.array([roll, pitch, yaw, 0.0, 0.0, -thrust]) * self._mix.scale
-        return self._mix.throttle(self._mix.setpoints(np.clip(control, -1e3, 1e3)))
+        return self._vehicle.turned(self._mix.throttle(self._mix.setpoints(np.clip(control, -1e3, 1e3))))
 
 
 def px4_columns(airframe: Airframe, table: FittedTable) -> Px4Table:

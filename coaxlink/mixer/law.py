@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.airframe import AXES
-from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.errors import InputError
-from coaxlink.vehicle import Vehicle, vehicle_of
+from coaxlink.vehicle import Vehicle, battery_watts, shaft_watts, vehicle_of
 
 
 class Law(Protocol):
@@ -45,7 +45,9 @@ class Allocation:
     delivered: NDArray[np.float64]  # (4,) by the rotor model
     power: float  # sum of torque x normalised speed, N m (the paper's efficiency measure up to a constant)
     power_W: float  # the same in shaft watts, by the model's speed_max_rpm
-    saturated: NDArray[np.bool_]  # (N,) at 0 or at 1
+    battery_W: float  # NaN where the stand measured no volts and amps
+    commands: NDArray[np.float64]  # (N,) 0..1, that hold these speeds
+    saturated: NDArray[np.bool_]  # (N,) commanded to 0 or to 1
     dropped: tuple[str, ...]  # axes given up
 
     @property
@@ -65,6 +67,8 @@ class Allocation:
             "error": self.error.tolist(),
             "power": self.power,
             "power_W": self.power_W,
+            "battery_W": self.battery_W if math.isfinite(self.battery_W) else None,
+            "commands": self.commands.tolist(),
             "saturated": self.saturated.tolist(),
             "dropped": list(self.dropped),
         }
@@ -80,7 +84,7 @@ def allocate(law: Law, vehicle: Vehicle | str | Path, wrench: ArrayLike) -> Allo
     demand = checked_wrench(wrench)
     u = law.speeds(demand)
     thrust, torque = airframe.loads(model, u)
-    power = float(torque @ u)
+    commands = vehicle.commanded(u)
     return Allocation(
         law=law.name,
         speeds=u,
@@ -88,9 +92,11 @@ def allocate(law: Law, vehicle: Vehicle | str | Path, wrench: ArrayLike) -> Allo
         torque_Nm=torque,
         wrench=demand,
         delivered=airframe.wrench(thrust, torque),
-        power=power,
-        power_W=power * model.speed_max_rpm * RAD_S_PER_RPM,
-        saturated=(u <= 1e-9) | (u >= 1 - 1e-9),
+        power=float(torque @ u),
+        power_W=float(shaft_watts(vehicle, u)),
+        battery_W=float(battery_watts(vehicle, u)),
+        commands=np.clip(commands, 0.0, 1.0),
+        saturated=(commands <= 1e-9) | (commands >= 1 - 1e-6),
         dropped=law.dropped,
     )
 

@@ -30,21 +30,23 @@ class SquareLaw:
     name: str
     matrix: NDArray[np.float64]  # (4, N) wrench per squared speed
     inverse: NDArray[np.float64]  # (N, 4)
+    most: NDArray[np.float64]  # (N,) speeds at full command
     dropped: tuple[str, ...] = ()
 
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""
-        return np.sqrt(np.clip(self.inverse @ checked_wrench(wrench), 0.0, 1.0))
+        return np.sqrt(np.clip(self.inverse @ checked_wrench(wrench), 0.0, self.most**2))
 
 
-def square_law(name: str, airframe: Airframe, matrix: NDArray[np.float64]) -> SquareLaw:
+def square_law(name: str, vehicle: Vehicle, matrix: NDArray[np.float64]) -> SquareLaw:
     """The law of a (4, N) matrix. Raises InputError when the rotors cannot make all four axes."""
+    airframe = vehicle.airframe
     scale = np.linalg.norm(matrix, axis=1, keepdims=True)
     if np.linalg.matrix_rank(matrix / np.where(scale > 0, scale, 1.0), tol=1e-9) < 4:
         raise InputError(
             airframe.source or airframe.name, "rotors", "these rotors cannot make thrust, roll, pitch and yaw"
         )
-    return SquareLaw(name, matrix, np.asarray(np.linalg.pinv(matrix), np.float64))
+    return SquareLaw(name, matrix, np.asarray(np.linalg.pinv(matrix), np.float64), vehicle.full)
 
 
 def reduced_matrix(airframe: Airframe, c: ReducedCoefficients) -> NDArray[np.float64]:
@@ -70,11 +72,12 @@ def standard_matrix(airframe: Airframe, c: StandardCoefficients) -> NDArray[np.f
 
 def reduced(vehicle: Vehicle) -> SquareLaw:
     """The reduced coaxial mixer of a vehicle."""
-    airframe = vehicle.airframe
-    return square_law("reduced", airframe, reduced_matrix(airframe, reduced_coefficients(vehicle.model)))
+    return square_law(
+        "reduced", vehicle, reduced_matrix(vehicle.airframe, reduced_coefficients(vehicle.model))
+    )
 
 
 def standard(vehicle: Vehicle) -> SquareLaw:
     """The standard mixer of a vehicle."""
-    airframe = vehicle.airframe
-    return square_law("standard", airframe, standard_matrix(airframe, standard_coefficients(vehicle.model)))
+    matrix = standard_matrix(vehicle.airframe, standard_coefficients(vehicle.model))
+    return square_law("standard", vehicle, matrix)

@@ -1,7 +1,7 @@
 """What a mixer table is worth to who flies it: power, loop gains over load, authority, ceiling, coupling.
 
-A table is a function from demands (thrust 0..1; roll, pitch, yaw -1..1) to normalised speeds, desaturation
-and thrust curve included; what the rotors make of it is the rotor model's word, not the table's own belief.
+A table is a function from demands (thrust 0..1; roll, pitch, yaw -1..1) to motor commands, desaturation and
+thrust curve included; what the rotors turn and lift at these is the rotor file's word, not the table's own belief.
 Nothing here counts an error that one constant gain an axis takes off: an autopilot's integrators and its
 learnt hover thrust do that by themselves.
 """
@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES
-from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
-from coaxlink.mixer.demands import Speeds, envelope
-from coaxlink.vehicle import Vehicle
-from coaxlink.vehicle.changed_model import scaled_speed
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.mixer.demands import Commands, envelope
+from coaxlink.vehicle import Vehicle, battery_watts, shaft_watts
 
 Array = NDArray[np.float64]
 
@@ -34,7 +33,9 @@ LOADS, TOPMOST = (
     0.98,
 )  # masses at which sink is given; the heaviest, as a share of what the ceiling carries
 BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
-DRIVE_EFFICIENCY = 0.80  # shaft over electrical watts of motor and ESC; enters minutes, never their ratio
+# shaft over electrical watts of motor and ESC, where a stand measured no volts and amps: a premise that enters
+# minutes and never their ratio
+DRIVE_EFFICIENCY = 0.80
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Worth:
     mass_kg: float
     hover_demand: float  # 0..1
     hover_W: float  # shaft power
+    battery_W: float  # in hover; NaN where the stand measured no volts and amps
     gain: Array  # (4,) d(delivered)/d(demand) in hover, N and N m
     lift_exponent: float  # d(log thrust)/d(log demand) in hover; autopilots count on 1
     load_kg: tuple[float, float]  # light, heavy
@@ -88,8 +90,9 @@ class Worth:
         return self.ceiling_N / (self.mass_kg * GRAVITY_M_S2)
 
     def minutes(self, battery_Wh: float, drive_efficiency: float = DRIVE_EFFICIENCY) -> float:
-        """In hover on this energy."""
-        return 60.0 * battery_Wh * drive_efficiency / self.hover_W
+        """In hover on this energy, by measured battery watts or, without them, by an efficiency."""
+        drawn = self.battery_W if math.isfinite(self.battery_W) else self.hover_W / drive_efficiency
+        return 60.0 * battery_Wh / drawn
 
     def to_json(self) -> dict[str, Any]:
         """As `compare` writes it; null where it cannot be flown."""
@@ -97,6 +100,7 @@ class Worth:
             "table": self.name,
             "hover_demand": _null(self.hover_demand),
             "hover_W": _null(self.hover_W),
+            "battery_W": _null(self.battery_W),
             "gain": _nulls(self.gain),
             "lift_exponent": _null(self.lift_exponent),
             "load_kg": list(self.load_kg),
@@ -114,26 +118,26 @@ class Worth:
 
 def weigh(
     vehicle: Vehicle,
-    speeds: Speeds,
+    commands: Commands,
     name: str = "",
     *,
     light: float = LIGHT,
     heavy: float = HEAVY,
 ) -> Worth:
-    """What `speeds` is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
+    """What a table is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
     airframe = vehicle.airframe
-    fly = TableOnRotors(vehicle, speeds)
+    fly = TableOnRotors(vehicle, commands)
     weight = airframe.mass_kg * GRAVITY_M_S2
     top = fly.ceiling()
     hover = solve(fly.lift, weight)
-    drained = TableOnRotors(vehicle, speeds, SAG)
+    drained = TableOnRotors(vehicle, commands, SAG)
     hard = HARD * np.abs(envelope(airframe, 2000)[:, 1:]).max(axis=0)
     hold = (light * airframe.mass_kg, heavy * airframe.mass_kg)
     if hover is None:
         nan = np.full(4, math.nan)
         none = tuple(AxisReach(axis, math.nan, (), True, math.nan, math.nan) for axis in AXES[1:])
         return Worth(
-            name, airframe.mass_kg, math.nan, math.nan, nan, math.nan, hold, nan, nan, top,
+            name, airframe.mass_kg, math.nan, math.nan, math.nan, nan, math.nan, hold, nan, nan, top,
             (none[0], none[1], none[2]), hard, np.full((3, 4), math.nan), nan,
             np.empty(0), np.empty(0),
         )  # fmt: skip
@@ -144,7 +148,7 @@ def weigh(
         name,
         airframe.mass_kg,
         hover,
-        fly.power(hover),
+        *fly.power(hover),
         gain,
         float(gain[0]) * hover / fly.lift(hover),
         hold,
@@ -191,22 +195,27 @@ def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
 class TableOnRotors:
     """A table on rotors: demands (4,) [thrust, roll, pitch, yaw] to what is delivered."""
 
-    def __init__(self, vehicle: Vehicle, speeds: Speeds, full_speed: float = 1.0) -> None:
+    def __init__(self, vehicle: Vehicle, commands: Commands, full_speed: float = 1.0) -> None:
         """`full_speed`: what a command of 1 brings, of the speed it brings on a full pack."""
-        self.airframe, self.model = vehicle.airframe, scaled_speed(vehicle.model, full_speed)
-        self._speeds = speeds
-        self.least = float(np.min(speeds(0.0, 0.0, 0.0, 0.0)))  # ArduPilot's rotors never stand still
+        self.vehicle, self.airframe, self.model = vehicle, vehicle.airframe, vehicle.model
+        self._commands, self._full_speed = commands, full_speed
+        self.least = float(np.min(commands(0.0, 0.0, 0.0, 0.0)))  # ArduPilot's rotors never stand still
+
+    def commands(self, demand: Array) -> Array:
+        """(N,) motor commands."""
+        thrust, roll, pitch, yaw = demand.tolist()
+        return self._commands(roll, pitch, yaw, thrust)
 
     def speeds(self, demand: Array) -> Array:
-        thrust, roll, pitch, yaw = demand.tolist()
-        return self._speeds(roll, pitch, yaw, thrust)
+        """(N,) normalised."""
+        return self.vehicle.turned(self.commands(demand), self._full_speed)
 
     def wrench(self, demand: Array) -> Array:
         return self.airframe.wrench(*self.airframe.loads(self.model, self.speeds(demand)))
 
-    def bound(self, u: Array) -> NDArray[np.bool_]:
+    def bound(self, commands: Array) -> NDArray[np.bool_]:
         """Whether rotors (N,) can go no further."""
-        return (u <= self.least + BOUND) | (u >= 1.0 - BOUND)
+        return (commands <= self.least + BOUND) | (commands >= 1.0 - BOUND)
 
     def lift(self, thrust: float) -> float:
         return float(self.wrench(np.array([thrust, 0.0, 0.0, 0.0]))[0])
@@ -214,10 +223,10 @@ class TableOnRotors:
     def ceiling(self) -> float:
         return max(self.lift(t) for t in np.linspace(0.5, 1.0, 51))
 
-    def power(self, thrust: float) -> float:
-        u = self._speeds(0.0, 0.0, 0.0, thrust)
-        torque = self.airframe.loads(self.model, u)[1]
-        return float(torque @ u) * self.model.speed_max_rpm * RAD_S_PER_RPM
+    def power(self, thrust: float) -> tuple[float, float]:
+        """Watts at the shafts, and from the battery (NaN where these were not measured)."""
+        u = self.speeds(np.array([thrust, 0.0, 0.0, 0.0]))
+        return float(shaft_watts(self.vehicle, u)), float(battery_watts(self.vehicle, u))
 
     def slopes(self, thrust: float | None) -> Array:
         """(4,) of each axis by its own demand."""
@@ -238,13 +247,13 @@ def reach(fly: TableOnRotors, hover: float, axis: int) -> AxisReach:
     for sign in (1.0, -1.0):
         unit = sign * np.eye(4)[axis]
         low, high = 0.0, 1.0
-        if fly.bound(fly.speeds(at + unit)).any():
+        if fly.bound(fly.commands(at + unit)).any():
             for _ in range(40):
                 middle = 0.5 * (low + high)
                 low, high = (
-                    (low, middle) if fly.bound(fly.speeds(at + middle * unit)).any() else (middle, high)
+                    (low, middle) if fly.bound(fly.commands(at + middle * unit)).any() else (middle, high)
                 )
-        u = fly.speeds(at + high * unit)
+        u = fly.commands(at + high * unit)
         reached = np.flatnonzero(fly.bound(u))
         most = fly.wrench(at + unit)
         ways.append(

@@ -350,18 +350,13 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "errors": _errors_json(result.channels),
         "noise_floor": dict(result.noise_floor),
         "intervals": {load: i.as_json() for load, i in result.intervals.items()},
-        **_curves(result.data),
+        **_range(result.data),
     }
 
 
-def _curves(data: StandData) -> dict[str, Any]:
-    """rpm = b_0 + b_1 t + b_2 t^2 of throttle t, where the log has both and they are not proportional; or how
-    far throttles went, where that does not tell what full throttle gives."""
-    curves = {
-        side: list(curve.coefficients) for side, curve in data.speeds.curves.items() if curve.reaches_full
-    }
+def _range(data: StandData) -> dict[str, Any]:
+    """How far throttles went, where that does not tell what full throttle gives."""
     unknown = [
         c.top for c in data.speeds.curves.values() if not c.reaches_full and data.speeds.source != "given"
     ]
-    found: dict[str, Any] = {"rpm_over_throttle": curves} if curves else {}
-    return found | ({"throttle_to": max(unknown)} if unknown else {})
+    return {"throttle_to": max(unknown)} if unknown else {}

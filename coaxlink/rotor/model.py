@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -21,8 +22,8 @@ from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.load import LOADS as LOADS
 from coaxlink.load import Load
+from coaxlink.rotor.drive import BatteryPower, Drive, SideDrive, SpeedTable, of_curves
 from coaxlink.rotor.polynomial import Polynomial
-from coaxlink.rotor.throttle_curve import speed_at
 from firmware_params.keys import is_near, problem_of
 from firmware_params.plain import name_problem, plain
 
@@ -62,7 +63,7 @@ class PairLoads:
 
 @dataclass(frozen=True)
 class RotorModel:
-    """One coaxial pair: four polynomials, the speed that u = 1 means, and where they come from."""
+    """One coaxial pair: four polynomials over speeds, what commands turn, and where they come from."""
 
     form: str  # crm, rcrm, srm, cpcm
     speed_max_rpm: float
@@ -74,6 +75,8 @@ class RotorModel:
     identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, method, errors, intervals
     sources: Mapping[str, Source] = field(default_factory=dict)  # key of the file -> where it is from
     rotation: str = COUNTER_ROTATING  # of the pair whose loads these are
+    drive: Drive | None = None  # None: a command is the normalised speed
+    battery_power: Mapping[str, BatteryPower] = field(default_factory=dict)  # by side; empty: not measured
 
     def __repr__(self) -> str:
         terms = sum(len(self.surface(load).coefficients) for load in Load)
@@ -149,23 +152,40 @@ class RotorModel:
         polynomial: Polynomial = getattr(self, load.channel)
         return polynomial
 
-    @property
-    def rpm_over_throttle(self) -> Mapping[str, tuple[float, float, float]]:
-        """By side (upper, lower), b_0, b_1, b_2 of `throttle_curve`; empty where commands are speeds."""
-        return self.identified.get("rpm_over_throttle") or {}
+    def turned(
+        self, upper: ArrayLike, lower: ArrayLike, voltage_V: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Normalised speeds of both rotors (...) at commands (...), at a supply (...) where that is known.
 
-    def turned(self, throttle: ArrayLike, side: str) -> NDArray[np.float64]:
-        """Normalised speeds (...) that throttles (...) give; a side without a curve turns as the other."""
-        curves = self.rpm_over_throttle
-        if not curves:
-            return np.asarray(throttle, float)
-        curve = curves.get(side) or next(iter(curves.values()))
-        return speed_at(curve, throttle) / self.speed_max_rpm
+        A rotor alone has 0 for its partner's command.
+        """
+        if self.drive is None:
+            u, v = np.broadcast_arrays(np.asarray(upper, float), np.asarray(lower, float))
+            return u, v
+        supply = self.drive.supply(voltage_V)
+        return self._speeds(np.asarray(upper, float) * supply, np.asarray(lower, float) * supply)
 
-    def by_speed(self) -> RotorModel:
-        """The model for commands that are speeds already."""
-        kept = {key: value for key, value in self.identified.items() if key != "rpm_over_throttle"}
-        return replace(self, identified=kept)
+    def commands(
+        self, u_upper: ArrayLike, u_lower: ArrayLike, voltage_V: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Commands of both rotors (...) that hold normalised speeds (...): the inverse of `turned`."""
+        if self.drive is None:
+            u, v = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))
+            return u, v
+        upper, lower = self.drive.commands(u_upper, u_lower, self._torque)
+        supply = self.drive.supply(voltage_V)
+        return upper / supply, lower / supply
+
+    @cached_property
+    def _speeds(self) -> SpeedTable:
+        assert self.drive is not None
+        return self.drive.table(self._torque)
+
+    def _torque(
+        self, side: int, upper: NDArray[np.float64], lower: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """N m."""
+        return (self.lower_torque if side else self.upper_torque)(upper, lower)
 
     def having(self, terms: Mapping[str, Mapping[str, float]]) -> RotorModel:
         """The same pair with other terms, `terms()` of it."""
@@ -220,6 +240,42 @@ class _Sources(BaseModel):
     effects: Source | None = Field(None, description="Of the effects' numbers.")
 
 
+class _SideDrive(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    command: tuple[Finite, ...] = Field(
+        min_length=2, max_length=4,
+        description="c_0, c_1, ...: command = c_0 + c_1 u + c_2 u^2 + ... + torque_per_Nm Q at `voltage_V`.",
+    )  # fmt: skip
+    torque_per_Nm: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Command per N m of torque.")
+    range: tuple[Finite, Finite] = Field((0.0, 1.0), description="Commands that were measured.")
+    error: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Standard error of the command.")
+
+
+class _Drive(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    voltage_V: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        None, description="Supply at which it holds; absent: not known."
+    )
+    upper: _SideDrive | None = Field(None, description="The upper rotor's; absent: as the lower one's.")
+    lower: _SideDrive | None = Field(None, description="The lower rotor's; absent: as the upper one's.")
+
+
+class _BatteryPower(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    constant: Finite = Field(0.0, description="W, idle.")
+    per_rad_s: Finite = Field(0.0, description="W per rad/s (hysteresis of the iron).")
+    per_rad_s2: Finite = Field(0.0, description="W per (rad/s)^2 (eddy currents, bearings).")
+    per_Nm2: Finite = Field(0.0, description="W per (N m)^2 (copper).")
+    shaft: Finite = Field(1.0, description="W per watt at the shaft.")
+    error: Annotated[Finite, Field(ge=0)] = Field(0.0, description="W, on held-out blocks.")
+
+
+class _BothPowers(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    upper: _BatteryPower | None = Field(None, description="The upper rotor's; absent: as the lower one's.")
+    lower: _BatteryPower | None = Field(None, description="The lower rotor's; absent: as the upper one's.")
+
+
 class _Curves(BaseModel):
     model_config = ConfigDict(extra="forbid")
     upper: tuple[Finite, Finite, Finite] | None = Field(
@@ -231,7 +287,7 @@ class _Curves(BaseModel):
 class _Identified(BaseModel):
     model_config = ConfigDict(extra="allow")
     rpm_over_throttle: Annotated[
-        _Curves | None, Field(description="rpm over throttle t, 0..1: commands are bent by it.")
+        _Curves | None, Field(description="rpm over throttle t, 0..1, of older files: read as a drive.")
     ] = None
     throttle_to: Annotated[
         Finite | None, Field(description="How far throttles went: u = 1 is not full throttle.")
@@ -249,6 +305,10 @@ class _RotorFile(BaseModel):
     )
     upper: _Loads = Field(description="The upper rotor's loads.")
     lower: _Loads = Field(description="The lower rotor's loads, in the upper one's wake.")
+    drive: _Drive | None = Field(
+        None, description="What commands turn; absent: a command is the normalised speed."
+    )
+    battery_power: _BothPowers | None = Field(None, description="What each side draws, W.")
     effects: list[_Effect] = Field(default_factory=list, description="What refine added to the polynomials.")
     identified: _Identified = Field(
         default_factory=_Identified,
@@ -283,12 +343,40 @@ def load_rotor_model(path: Path) -> RotorModel:
         except ValueError as error:
             raise InputError(path, load, str(error)) from error
     effects = tuple(EffectEntry(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
+    identified = parsed.identified.model_dump(exclude_none=True)
+    curves = identified.pop("rpm_over_throttle", None)
+    drive = _drive(path, parsed.drive)
+    if drive is None and curves:
+        drive = of_curves(curves, parsed.speed_max_rpm)
     return RotorModel.from_terms(
-        parsed.form, parsed.speed_max_rpm, terms, effects=effects,
-        identified=parsed.identified.model_dump(exclude_none=True),
+        parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=identified,
         sources=parsed.sources.model_dump(exclude_none=True) if parsed.sources else {},
-        rotation=parsed.rotation,
+        rotation=parsed.rotation, drive=drive, battery_power=_battery_power(parsed.battery_power),
     )  # fmt: skip
+
+
+def _drive(path: Path, given: _Drive | None) -> Drive | None:
+    if given is None:
+        return None
+    sides = [SideDrive(**s.model_dump()) if s else None for s in (given.upper, given.lower)]
+    upper, lower = sides[0] or sides[1], sides[1] or sides[0]
+    if upper is None or lower is None:
+        raise InputError(path, "drive", "upper or lower is missing")
+    for name, side in (("upper", upper), ("lower", lower)):
+        if not 0.0 <= side.range[0] < side.range[1] <= 1.0:
+            raise InputError(
+                path, f"drive.{name}.range", f"0 <= low < high <= 1 expected, found {side.range}"
+            )
+        if problem := side.problem:
+            raise InputError(path, f"drive.{name}.command", problem)
+    return Drive(upper, lower, given.voltage_V)
+
+
+def _battery_power(given: _BothPowers | None) -> dict[str, BatteryPower]:
+    if given is None or not (given.upper or given.lower):
+        return {}
+    sides = {"upper": given.upper or given.lower, "lower": given.lower or given.upper}
+    return {name: BatteryPower(**side.model_dump()) for name, side in sides.items() if side}
 
 
 def save_rotor_model(path: Path, model: RotorModel) -> None:
@@ -303,12 +391,22 @@ def save_rotor_model(path: Path, model: RotorModel) -> None:
         document["identified"] = dict(model.identified)
     for side in ("upper", "lower"):
         document[side] = {q: terms[f"{side}.{q}"] for q in ("thrust_N", "torque_Nm")}
+    if model.drive:
+        sides = {side: _plain(getattr(model.drive, side)) for side in ("upper", "lower")}
+        volts = {"voltage_V": model.drive.voltage_V} if model.drive.voltage_V else {}
+        document["drive"] = volts | sides
+    if model.battery_power:
+        document["battery_power"] = {side: asdict(p) for side, p in model.battery_power.items()}
     if model.effects:
         document["effects"] = [
             {"name": e.name, "parameters": dict(e.parameters), "columns": list(e.columns)}
             for e in model.effects
         ]
     files.write_toml(path, document)
+
+
+def _plain(side: SideDrive) -> dict[str, Any]:
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(side).items()}
 
 
 def input_error(path: Path, error: ValidationError, document: type[BaseModel]) -> InputError:

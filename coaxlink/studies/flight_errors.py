@@ -79,7 +79,7 @@ def errors_of_live(
     from coaxlink.live.mixer_core import DemandScale
     from coaxlink.mixer import standard_coefficients
 
-    scale = DemandScale(vehicle.airframe, standard_coefficients(vehicle.model)).matrix
+    scale = DemandScale(vehicle.airframe, standard_coefficients(vehicle.model, of_commands=True)).matrix
     lag_s = 0.0 if as_paper else vehicle.airframe.motor_lag_s
     return _errors(flight, vehicle, lambda time_s, _: demands.at(time_s, lag_s) @ scale.T, as_paper)
 

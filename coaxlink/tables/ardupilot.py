@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
-from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.demands import Commands
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.tables.behaviour import Behaviour, behaviour
 from coaxlink.tables.px4 import px4_table
@@ -109,7 +109,7 @@ def report_ap(
             texts = {scripts.MATRIX_NAME: scripts.matrix_script(factors, title=title)}
     except TableError as error:
         raise InputError(source, "rotors", f"no table for ArduPilot: {error}") from error
-    flown = behaviour(vehicle, ap_speeds(mix))
+    flown = behaviour(vehicle, ap_commands(mix))
     findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY_M_S2)]
     hover = min(max(flown.hover or HOVER[1], HOVER[0]), HOVER[1])
     params = {
@@ -128,13 +128,13 @@ def report_ap(
     return ApReport(law, table, params | loaded, texts, mix, flown, ratios, columns, tuple(findings))
 
 
-def ap_speeds(mix: ap.ApMix) -> Speeds:
-    """Normalised speeds under an ArduPilot mix: PWM over its calibrated range is speed."""
+def ap_commands(mix: ap.ApMix) -> Commands:
+    """Motor commands under an ArduPilot mix: PWM over its calibrated range."""
 
-    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+    def commands(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
         return mix.output(ap.Demand(roll, pitch, yaw, thrust)).actuator
 
-    return speeds
+    return commands
 
 
 def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:

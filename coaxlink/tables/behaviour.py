@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.demands import Commands
 from coaxlink.mixer.worth import STEP, TableOnRotors, reach, solve
 from coaxlink.vehicle import Vehicle
 
@@ -46,9 +46,9 @@ class Behaviour:
         }
 
 
-def behaviour(vehicle: Vehicle, speeds: Speeds) -> Behaviour:
+def behaviour(vehicle: Vehicle, commands: Commands) -> Behaviour:
     """Fly a table by the rotor model, without an airframe in motion."""
-    fly = TableOnRotors(vehicle, speeds)
+    fly = TableOnRotors(vehicle, commands)
     hover = solve(fly.lift, vehicle.airframe.mass_kg * GRAVITY_M_S2)
     at = np.array([1.0 if hover is None else hover, 0.0, 0.0, 0.0])
     gain, authority, cross = [], [], []

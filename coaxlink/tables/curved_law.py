@@ -24,17 +24,18 @@ class CurvedLaw:
 
     columns: SquareLaw
     mix: px4.Px4Mix
+    vehicle: Vehicle
     name: str = "curved"
     dropped: tuple[str, ...] = ()
 
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,): thrust up N, roll, pitch, yaw N m."""
         setpoints = np.clip(self.columns.inverse @ checked_wrench(wrench), 0.0, 1.0)
-        return np.asarray(self.mix.throttle(setpoints), float)
+        return self.vehicle.turned(self.mix.throttle(setpoints))
 
 
 def curved_law(vehicle: Vehicle) -> CurvedLaw:
     """The law of the vehicle's curved table. Raises InputError."""
     columns = make_law("standard", vehicle)
     assert isinstance(columns, SquareLaw)
-    return CurvedLaw(columns, px4.realise(px4_table(vehicle, "curved")))
+    return CurvedLaw(columns, px4.realise(px4_table(vehicle, "curved")), vehicle)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.demands import Commands
 from coaxlink.mixer.fitted import FittedTable, TableFit
 from coaxlink.mixer.worth import weigh
 from coaxlink.vehicle import Vehicle
@@ -22,7 +22,7 @@ YAW_SHARE = (
 )
 _REACH = 0.99  # of the standard table's ceiling, where that itself is below the first number
 
-SpeedsOf = Callable[[str, FittedTable | None], Speeds]  # a law and, if it is made already, its table
+SpeedsOf = Callable[[str, FittedTable | None], Commands]  # a law and, if it is made already, its table
 
 
 @dataclass(frozen=True)

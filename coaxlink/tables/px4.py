@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
-from coaxlink.mixer.demands import ENVELOPE, Speeds
+from coaxlink.mixer.demands import ENVELOPE, Commands
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.mixer.worth import solve
 from coaxlink.tables.behaviour import TURNS, Behaviour, behaviour
@@ -82,10 +82,10 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
     spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)
     f, q = airframe.gains
     if law == "standard":
-        alone = standard_coefficients(model)
+        alone = standard_coefficients(model, of_commands=True)
         ct[:], torque[:] = alone.p * f, alone.q * q * spin
     else:
-        c = reduced_coefficients(model)
+        c = reduced_coefficients(model, of_commands=True)
         for upper, lower in airframe.pairs:
             ct[upper], ct[lower] = c.p_0u * f[upper] + c.p_1l * f[lower], c.p_0l * f[lower]
             torque[upper] = spin[upper] * c.q_0u * q[upper] + spin[lower] * c.q_1l * q[lower]
@@ -120,7 +120,7 @@ def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:
     def misfit(curve: float) -> float:
         mix = px4.realise(dataclasses.replace(table, thr_mdl_fac=curve))
         u = np.clip(mix.throttle(demand[:, None] * share), 0.0, 1.0)
-        lift = airframe.wrench(*airframe.loads(model, u))[..., 0]
+        lift = airframe.wrench(*airframe.loads(model, vehicle.turned(u)))[..., 0]
         if lift[-1] < level[0]:
             return float("inf")
         wanted = np.clip(level, lift[0], lift[-1])
@@ -156,7 +156,7 @@ def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
     ct = np.array([rotor.ct for rotor in px4.params_to_table(params).rotors])
     up = -np.array([rotor.axis[2] for rotor in airframe.rotors])
     findings = list(mix.warnings)
-    flown = behaviour(vehicle, px4_speeds(mix))
+    flown = behaviour(vehicle, px4_commands(mix))
     by_table = solve(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
     findings += _hover_findings(flown, weight)
     findings += _lean_findings(table, mix, law)
@@ -194,13 +194,13 @@ def refuse_traps(report: TableReport) -> None:
         raise SafetyRefusal(str(report.blocking[0]))
 
 
-def px4_speeds(mix: px4.Px4Mix) -> Speeds:
-    """Normalised speeds under a PX4 mix: setpoints, then the thrust curve."""
+def px4_commands(mix: px4.Px4Mix) -> Commands:
+    """Motor commands under a PX4 mix: setpoints, then the thrust curve."""
 
-    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+    def commands(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
         return mix.throttle(mix.setpoints([roll, pitch, yaw, 0.0, 0.0, -thrust]))
 
-    return speeds
+    return commands
 
 
 def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer.demands import Speeds, law_speeds
+from coaxlink.mixer.demands import Commands, law_commands
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import px4_columns
 from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, weigh
 from coaxlink.tables.default_law import choose_law
-from coaxlink.tables.px4 import px4_speeds, px4_table, report_px4
+from coaxlink.tables.px4 import px4_commands, px4_table, report_px4
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.errors import TableError
@@ -49,14 +47,14 @@ class Worths:
 
 
 def px4_worths(
-    vehicle: Vehicle, *, light: float = LIGHT, heavy: float = HEAVY, board: Speeds | None = None
+    vehicle: Vehicle, *, light: float = LIGHT, heavy: float = HEAVY, board: Commands | None = None
 ) -> Worths:
     """Every table that PX4 could hold for this vehicle, and the exact law as a companion would mix it.
 
     `light` and `heavy` are shares of the vehicle's mass, `board` what the board flies now. What cannot be
     made is named, not raised.
     """
-    airframe, model = vehicle.airframe, vehicle.model
+    airframe = vehicle.airframe
     tables: dict[str, px4.Px4Table] = {DEFAULTS: default_table(airframe)}
     left_out: dict[str, str] = {}
     chosen = "standard"
@@ -66,7 +64,7 @@ def px4_worths(
         except InputError as error:
             left_out[law] = str(error)
     try:
-        best = choose_law(vehicle, lambda law, fit: px4_speeds(report_px4(vehicle, law, fit=fit).mix))
+        best = choose_law(vehicle, lambda law, fit: px4_commands(report_px4(vehicle, law, fit=fit).mix))
         chosen = BALANCED if best.between else best.law
         if best.fit is not None:
             tables[BALANCED if best.between else "fitted"] = px4_columns(airframe, best.fit)
@@ -74,15 +72,15 @@ def px4_worths(
             tables["fitted"] = px4_table(vehicle, "fitted")
     except InputError as error:
         left_out["fitted"] = str(error)
-    speeds: dict[str, Speeds] = {} if board is None else {ON_BOARD: board}
+    commands: dict[str, Commands] = {} if board is None else {ON_BOARD: board}
     for name, table in tables.items():
         try:
-            speeds[name] = px4_speeds(px4.realise(table))
+            commands[name] = px4_commands(px4.realise(table))
         except (TableError, ValueError) as error:
             left_out[name] = str(error)
-    full, torque = airframe.loads(model, np.ones(len(airframe.rotors)))
-    speeds[LIVE] = law_speeds(ExactLaw(vehicle), airframe, float(airframe.wrench(full, torque)[0]))
-    rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in speeds.items())
+    full = float(airframe.wrench(*airframe.loads(vehicle.model, vehicle.full))[0])
+    commands[LIVE] = law_commands(ExactLaw(vehicle), vehicle, full)
+    rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in commands.items())
     curved = tables.get(CURVED)
     return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac, chosen)
 

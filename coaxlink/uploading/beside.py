@@ -9,11 +9,11 @@ from coaxlink.errors import InputError
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Number, Parameters
 from coaxlink.mavlink.session import Session
-from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.demands import Commands
 from coaxlink.mixer.worth import Worth, weigh
-from coaxlink.tables.ardupilot import ApReport, ap_speeds, report_ap
+from coaxlink.tables.ardupilot import ApReport, ap_commands, report_ap
 from coaxlink.tables.behaviour import Behaviour, behaviour
-from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
+from coaxlink.tables.px4 import TableReport, px4_commands, report_px4
 from coaxlink.uploading.ardupilot_scripts import await_loader, matrix_script
 from coaxlink.uploading.ardupilot_table import present_table
 from coaxlink.vehicle import Vehicle
@@ -44,9 +44,9 @@ def beside_px4(
     """
     if board is None:
         return _beside(
-            vehicle, report, px4_speeds(report.mix), px4_speeds(report_px4(vehicle, "standard").mix)
+            vehicle, report, px4_commands(report.mix), px4_commands(report_px4(vehicle, "standard").mix)
         )
-    return _beside(vehicle, report, px4_speeds(report.mix), _px4_on_board(vehicle, board), on_board=True)
+    return _beside(vehicle, report, px4_commands(report.mix), _px4_on_board(vehicle, board), on_board=True)
 
 
 def beside_ap(
@@ -65,37 +65,37 @@ def beside_ap(
             spin_min=motor.spin_min,
             spin_max=motor.spin_max,
         )
-        return _beside(vehicle, report, ap_speeds(report.mix), ap_speeds(standard.mix))
-    return _beside(vehicle, report, ap_speeds(report.mix), _ap_on_board(vehicle, *board), on_board=True)
+        return _beside(vehicle, report, ap_commands(report.mix), ap_commands(standard.mix))
+    return _beside(vehicle, report, ap_commands(report.mix), _ap_on_board(vehicle, *board), on_board=True)
 
 
-def speeds_on_board(vehicle: Vehicle, url: str) -> Speeds:
+def commands_on_board(vehicle: Vehicle, url: str) -> Commands:
     """How the autopilot at `url` mixes now. Raises LinkError, InputError."""
     with _open(url) as session:
         is_px4 = session.identity.is_px4
     return _px4_on_board(vehicle, present_px4(url)) if is_px4 else _ap_on_board(vehicle, *present_ap(url))
 
 
-def _px4_on_board(vehicle: Vehicle, board: Mapping[str, Number]) -> Speeds:
+def _px4_on_board(vehicle: Vehicle, board: Mapping[str, Number]) -> Commands:
     try:
         present = px4.realise(board)
     except (TableError, ValueError) as error:
         raise InputError("`board`", "", f"the board holds no multirotor table: {error}") from error
     _require_count(vehicle, len(present.mix))
-    return px4_speeds(present)
+    return px4_commands(present)
 
 
-def _ap_on_board(vehicle: Vehicle, numbers: Mapping[str, Number], present: ApTable | None) -> Speeds:
+def _ap_on_board(vehicle: Vehicle, numbers: Mapping[str, Number], present: ApTable | None) -> Commands:
     if present is None:
         frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
         raise InputError("`board`", "", f"the board flies a matrix that is not known here ({frame})")
     mix = ap.realise(present)
     _require_count(vehicle, len(mix.factors))
-    return ap_speeds(mix)
+    return ap_commands(mix)
 
 
 def _beside(
-    vehicle: Vehicle, report: TableReport | ApReport, new: Speeds, old: Speeds, *, on_board: bool = False
+    vehicle: Vehicle, report: TableReport | ApReport, new: Commands, old: Commands, *, on_board: bool = False
 ) -> BesideTable:
     name = "present" if on_board else "standard"
     return BesideTable(

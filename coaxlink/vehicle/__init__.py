@@ -2,17 +2,20 @@
 
 from coaxlink.effects.static import Conditions
 from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_lift, vehicle_of
+from coaxlink.vehicle.power import battery_watts, shaft_watts
 from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
 
 __all__ = [
     "Conditions",
     "Vehicle",
+    "battery_watts",
     "load_rotors",
     "load_vehicle",
     "plain_rotors",
     "refuse_live",
     "refuse_no_lift",
     "require_vehicle",
+    "shaft_watts",
     "usual_lift",
     "vehicle_of",
 ]

@@ -7,8 +7,6 @@ over the speeds that fly and added to the base terms, so that a model without ef
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 from coaxlink.effects.static import Change, Loads
 from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
-from coaxlink.rotor.polynomial import Polynomial, design_matrix, term_name
+from coaxlink.rotor.polynomial import design_matrix, term_name
 
 Array = NDArray[np.float64]
 LOWEST, POINTS, ORDER = 0.1, 31, 4  # normalised speeds of the fit; total order of the change
@@ -51,28 +49,3 @@ def with_terms(model: RotorModel, added: Mapping[str, Mapping[str, float]]) -> R
         for name, c in named.items():
             terms[load][name] = terms[load].get(name, 0.0) + c
     return model.having(terms)
-
-
-def over_commands(model: RotorModel, rotors: RotorModel) -> RotorModel:
-    """The model with u the throttle, where `rotors` knows what speeds (u of `model`) throttles give."""
-    if not rotors.rpm_over_throttle:
-        return model
-
-    def bent(speeds: RotorModel, loads: Loads) -> Loads:
-        turned = speeds.loads(rotors.turned(loads.upper, "upper"), rotors.turned(loads.lower, "lower"))
-        return loads.plus({load: turned[load] - loads[load] for load in Load})
-
-    return changed_model(model, [bent]).by_speed()
-
-
-def scaled_speed(model: RotorModel, factor: float) -> RotorModel:
-    """The same rotors in another unit of speed: u = 1 of the result is u = `factor` of `model`."""
-    if factor == 1.0:
-        return model
-
-    def scaled(p: Polynomial) -> Polynomial:
-        pairs = zip(p.exponents, p.coefficients, strict=True)
-        return Polynomial(p.exponents, tuple(c * factor ** (a + b) for (a, b), c in pairs))
-
-    surfaces: dict[str, Any] = {load.channel: scaled(model.surface(load)) for load in Load}
-    return replace(model, speed_max_rpm=model.speed_max_rpm * factor, **surfaces)

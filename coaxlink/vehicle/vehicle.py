@@ -1,8 +1,9 @@
 """A vehicle as mixers see it: airframe, rotors, effects, and the conditions it shall be right at.
 
-The one place that turns [[effects]] into what laws, tables and the allocator work with: a rotor model whose
-u is the *command* at the stated conditions, a gain for every rotor, places from the true centre of mass. What
-each effect does stands in its own module of `coaxlink.effects`; what no static mixer can hold stays outside
+The one place that turns [[effects]] into what laws, tables and the allocator work with: a rotor model over
+true speeds, a gain for every rotor, places from the true centre of mass, and what commands turn at the stated
+conditions. Laws, loads and power know speeds alone; `turned` and `commanded` are the way from commands and back.
+What each effect does stands in its own module of `coaxlink.effects`; what no static mixer can hold stays outside
 and is named in `left_out` with the reason. Laws take nothing but a Vehicle: no effect is dropped in silence.
 """
 
@@ -10,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.airframe import Airframe, load_airframe
 from coaxlink.constants import GRAVITY_M_S2
@@ -21,7 +24,8 @@ from coaxlink.effects.static import Conditions, LeftOut, StaticVehicle
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.rotor.model import EffectEntry
-from coaxlink.vehicle.changed_model import changed_model, over_commands, scaled_speed
+from coaxlink.vehicle.changed_model import changed_model
+from coaxlink.vehicle.turning import Turning
 
 NOT_STATED = Conditions()
 
@@ -50,12 +54,11 @@ class Vehicle:
     conditions: Conditions = NOT_STATED
     measured_live: bool = False
     airframe: Airframe = field(init=False)  # with the effects it can hold: gains, places, mass
-    model: RotorModel = field(init=False)  # u is the command; with the effects it can hold, carrying none
-    speed_model: RotorModel = field(init=False)  # the same with u the rotors' true speed, without the drive
+    model: RotorModel = field(init=False)  # over true speeds; with the effects it can hold, carrying none
     compensated: Mapping[str, str] = field(init=False)  # effect -> what was done, in words
     left_out: Mapping[str, str] = field(init=False)  # effect -> why nothing was
     live_effects: tuple[EffectEntry, ...] = field(init=False)  # for live mixing to measure
-    speed_per_command: float = field(init=False)  # what u = 1 of `model` means in the speeds of `rotors`
+    turning: Turning = field(init=False)  # what effects leave of the speeds that the drive alone gives
 
     def __post_init__(self) -> None:
         for name, load in (("declared", load_airframe), ("rotors", load_rotor_model)):
@@ -78,20 +81,33 @@ class Vehicle:
             except LeftOut as reason:
                 left_out[named.name] = str(reason)
         model = changed_model(vehicle.model, vehicle.changes) if vehicle.changes else vehicle.model
-        turned = [change for change in vehicle.changes if change not in vehicle.drive]
-        by_speed = (
-            model if not vehicle.drive else changed_model(vehicle.model, turned) if turned else vehicle.model
-        )
         for name, value in (
             ("airframe", _airframe(vehicle)),
-            ("model", replace(over_commands(scaled_speed(model, vehicle.speed), self.rotors), effects=())),
-            ("speed_model", replace(by_speed, effects=())),
+            ("model", replace(model, effects=())),
             ("compensated", compensated),
             ("left_out", left_out),
             ("live_effects", tuple(live)),
-            ("speed_per_command", vehicle.speed),
+            ("turning", Turning(vehicle.speed, tuple(vehicle.turning))),
         ):
             object.__setattr__(self, name, value)
+
+    def turned(self, commands: ArrayLike, full_speed: float = 1.0) -> NDArray[np.float64]:
+        """Normalised true speeds (..., N) that commands (..., N) give.
+
+        `full_speed` is what a command brings, of the speed it brings at the stated conditions.
+        """
+        nominal = self.declared.turned(self.rotors, commands, self.conditions.voltage_V)
+        return self.turning.true(full_speed * nominal)
+
+    def commanded(self, speeds: ArrayLike) -> NDArray[np.float64]:
+        """Commands (..., N) that hold true speeds (..., N), beyond 0 .. 1 where no command does."""
+        nominal = self.turning.nominal(speeds)
+        return self.declared.commanded(self.rotors, nominal, self.conditions.voltage_V)
+
+    @cached_property
+    def full(self) -> NDArray[np.float64]:
+        """(N,) true speeds of all rotors at full command."""
+        return self.turned(np.ones(len(self.declared.rotors)))
 
     def to_json(self) -> dict[str, dict[str, str]]:
         """The keys that every verb adds to its JSON; `live_effects` are the live mixer's to account for."""

@@ -20,8 +20,8 @@ from coaxlink.mixer.fitted import envelope
 from coaxlink.mixer.worth import front, weigh
 from coaxlink.report.worth import remark_on_curve, rows, verdict
 from coaxlink.rotor.model import load_rotor_model
-from coaxlink.tables.ardupilot import ap_speeds, report_ap
-from coaxlink.tables.px4 import px4_speeds, report_px4
+from coaxlink.tables.ardupilot import ap_commands, report_ap
+from coaxlink.tables.px4 import px4_commands, report_px4
 from coaxlink.tables.worth import CURVED, DEFAULTS, LIVE, px4_worths
 from coaxlink.vehicle import Vehicle
 
@@ -261,12 +261,12 @@ def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_
 
 def test_what_cannot_hover_is_said_and_not_a_number():
     stone = replace(FRAME, mass_kg=60.0)
-    row = weigh(Vehicle(stone, MODEL), px4_speeds(report_px4(VEHICLE, "fitted").mix), "fitted")
+    row = weigh(Vehicle(stone, MODEL), px4_commands(report_px4(VEHICLE, "fitted").mix), "fitted")
     assert math.isnan(row.hover_W) and row.to_json()["hover_W"] is None
     assert row.thrust_to_weight == pytest.approx(_row("fitted").thrust_to_weight / 3.0)
     loaded = weigh(
         VEHICLE,
-        px4_speeds(report_px4(VEHICLE, "fitted").mix),
+        px4_commands(report_px4(VEHICLE, "fitted").mix),
         "fitted",
         heavy=2.2,
     )
@@ -282,6 +282,6 @@ def test_the_curved_law_is_a_table_that_both_firmwares_take():
     assert report.params["THR_MDL_FAC"] == pytest.approx(worths().own_curve, abs=1e-6)
     differing = {name for name, value in report.params.items() if plain.params[name] != value}
     assert differing == {"THR_MDL_FAC", "MPC_THR_HOVER"} and not report.blocking
-    copter = [weigh(VEHICLE, ap_speeds(report_ap(VEHICLE, law).mix)) for law in ("standard", "curved")]
+    copter = [weigh(VEHICLE, ap_commands(report_ap(VEHICLE, law).mix)) for law in ("standard", "curved")]
     assert copter[1].load_span.max() - 1.0 < 0.5 * (copter[0].load_span.max() - 1.0)
     assert copter[1].lift_exponent > copter[0].lift_exponent

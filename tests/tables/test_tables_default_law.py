@@ -11,7 +11,7 @@ from coaxlink.mixer.demands import envelope
 from coaxlink.mixer.worth import weigh
 from coaxlink.tables.behaviour import behaviour
 from coaxlink.tables.default_law import YAW_SHARE, choose_law
-from coaxlink.tables.px4 import px4_speeds, report_px4
+from coaxlink.tables.px4 import px4_commands, report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -24,7 +24,7 @@ def _vehicle(name, mass=1.0):
 
 
 def _speeds(vehicle):
-    return lambda law, fit: px4_speeds(report_px4(vehicle, law, fit=fit).mix)
+    return lambda law, fit: px4_commands(report_px4(vehicle, law, fit=fit).mix)
 
 
 @pytest.mark.slow
@@ -51,7 +51,7 @@ def test_the_law_is_chosen_by_the_margins(name, mass, law, why):
 
 def test_compare_and_table_mean_the_same_ceiling_and_yaw():
     vehicle = _vehicle("x8_paper.toml")
-    speeds = px4_speeds(report_px4(vehicle, "standard").mix)
+    speeds = px4_commands(report_px4(vehicle, "standard").mix)
     worth, flown = weigh(vehicle, speeds), behaviour(vehicle, speeds)
     (row,) = compare(vehicle, [("standard", make_law("standard", vehicle))], envelope(vehicle.airframe, 10))
     for ceiling, yaw in ((flown.ceiling_N, flown.authority_Nm[2]), (row.ceiling_N, row.yaw_Nm)):

@@ -13,7 +13,7 @@ from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.keys import unknown_key
 
 if TYPE_CHECKING:
-    from coaxlink.mixer.demands import Speeds
+    from coaxlink.mixer.demands import Commands
     from coaxlink.uploading.plan import Plan
     from coaxlink.vehicle import Vehicle
 
@@ -90,11 +90,11 @@ def _mixes(
     board: Mapping[str, float | int],
     on_board: Mapping[str, bytes | None],
     spin_from_table: bool,
-) -> list[Speeds]:
+) -> list[Commands]:
     """The board's table and the plan's, as it will fly there. Raises CheckFailed where one is not known."""
     from coaxlink.errors import CheckFailed
-    from coaxlink.tables.ardupilot import ap_speeds
-    from coaxlink.tables.px4 import px4_speeds
+    from coaxlink.tables.ardupilot import ap_commands
+    from coaxlink.tables.px4 import px4_commands
     from coaxlink.uploading.ardupilot_table import planned_table, present_table
     from coaxlink.uploading.owners_numbers import for_board
     from firmware_params import ardupilot, px4
@@ -105,7 +105,7 @@ def _mixes(
         if plan.firmware == "px4":
             tables = [px4.realise(params) for params in (board, {**board, **plan.params})]
             _refuse_other_count(*(len(table.mix) for table in tables))
-            return [px4_speeds(table) for table in tables]
+            return [px4_commands(table) for table in tables]
         held = next((d for p, d in on_board.items() if p.endswith(scripts.MATRIX_NAME)), None)
         made = for_board(plan.params, board, spin_from_table=spin_from_table).params
         old, new = present_table(board, lambda: held), planned_table({**board, **made}, plan.scripts)
@@ -116,7 +116,7 @@ def _mixes(
             )
         mixes = [ardupilot.realise(table) for table in (old, new)]
         _refuse_other_count(*(len(mix.factors) for mix in mixes))
-        return [ap_speeds(mix) for mix in mixes]
+        return [ap_commands(mix) for mix in mixes]
     except (FirmwareParamsError, ValueError, IndexError) as error:
         raise CheckFailed(str(error)) from error
 

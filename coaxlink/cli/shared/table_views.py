@@ -170,9 +170,9 @@ def weigh_tables(vehicle: Vehicle, load: tuple[float, float], connect: str = "")
 
     board = None
     if connect:
-        from coaxlink.uploading.beside import speeds_on_board
+        from coaxlink.uploading.beside import commands_on_board
 
-        board = speeds_on_board(vehicle, connect)
+        board = commands_on_board(vehicle, connect)
     worths = px4_worths(vehicle, light=load[0], heavy=load[1], board=board)
     for name, why in worths.left_out.items():
         say(f"left out: {name}: {why}")

@@ -64,7 +64,7 @@ def board_law(vehicle: Vehicle) -> BoardLaw:
     refuse_live(vehicle)
     frame = vehicle.airframe
     arms, units = scaled(vehicle, low=0.0, high=1.0, failed=(), priority=PRIORITY)
-    wrench = DemandScale(frame, standard_coefficients(vehicle.model)).matrix
+    wrench = DemandScale(frame, standard_coefficients(vehicle.model, of_commands=True)).matrix
     inverse = np.zeros((2 * arms.size, 4))
     inverse[units.slots] = reduced(vehicle).inverse[:, units.order] * units.scale
     weight = frame.mass_kg * GRAVITY_M_S2

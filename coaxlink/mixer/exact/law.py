@@ -155,7 +155,8 @@ def scaled(
             raise InputError("exact", "failed", f"there is no rotor {n}")
     order = np.array([AXES.index(axis) for axis in priority])
     per_load = airframe.effectiveness()  # of thrusts and torques, (4, N) each
-    full = airframe.loads(model, np.full(len(numbers), high))
+    least, most = (vehicle.turned(np.full(len(numbers), command)) for command in (low, high))
+    full = airframe.loads(model, most)
     scale = (np.abs(per_load[0]) @ np.abs(full[0]) + np.abs(per_load[1]) @ np.abs(full[1]))[order]
     scale = np.where(scale > 1e-9, scale, 1.0)
     power = float(np.abs(full[1]).sum()) * high
@@ -175,7 +176,7 @@ def scaled(
                 continue
             slots[i] = 2 * k + side
             if numbers[i] not in failed:
-                lo[2 * k + side], hi[2 * k + side] = low, high
+                lo[2 * k + side], hi[2 * k + side] = least[i], most[i]
             for kind, unit in ((0, 1.0), (1, power)):  # thrust in N, torque in units of power
                 n = 2 * side + kind
                 terms[k, n] = airframe.gains[kind][i] * dense[n] / unit

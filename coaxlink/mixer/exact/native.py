@@ -2,7 +2,7 @@
 """The exact law as a C function, for flights that are compiled as a whole: demand in, motor commands out.
 
 `void law(int64 *book, double *demand, double *command)`: demand = (roll, pitch, yaw, thrust) normalised, as
-`mixer.demands.law_speeds` has them. The book holds the addresses of the solver's arrays, so that every flight
+`mixer.demands.law_commands` has them. The book holds the addresses of the solver's arrays, so that every flight
 has a memory of its own.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.mixer.demands import demand_units, law_speeds
+from coaxlink.mixer.demands import demand_units, law_commands
 from coaxlink.mixer.exact.compiled import functions, kept_code
 from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw, standing
 from coaxlink.mixer.exact.solver import Arms, State
@@ -33,9 +33,9 @@ class NativeExact:
 
     def __init__(self, vehicle: Vehicle) -> None:
         frame = vehicle.airframe
-        full = float(frame.wrench(*frame.loads(vehicle.model, np.ones(len(frame.rotors))))[0])
+        full = float(frame.wrench(*frame.loads(vehicle.model, vehicle.full))[0])
         self._law = ExactLaw(vehicle, compiled=True)
-        self._speeds = law_speeds(self._law, frame, full)
+        self._speeds = law_commands(self._law, vehicle, full)
         order, scale = self._law.units.order, self._law.units.scale
         units = demand_units(frame, full)[order] / scale
         # (2, 4): wrench of a unit of demand by rank, in the solver's unit; where that demand stands

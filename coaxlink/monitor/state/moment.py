@@ -229,7 +229,9 @@ def _wanted(
         return None, "the demand or the commands are not numbers", "demand"
     curve = heard.parameters.get("THR_MDL_FAC", 0.0)
     scale = DemandScale(
-        vehicle.airframe, standard_coefficients(vehicle.model), curve if 0.0 <= curve <= 1.0 else 0.0
+        vehicle.airframe,
+        standard_coefficients(vehicle.model, of_commands=True),
+        curve if 0.0 <= curve <= 1.0 else 0.0,
     )
     # a demand means newtons to a companion that mixes; the legacy mixer makes throttle of it, as it comes
     apart = max(abs(c - own) for c, own in zip(commands, scale.own(controls), strict=True))

@@ -138,11 +138,11 @@ def _kind(table: Px4Table, vehicle: Vehicle) -> tuple[str, float | None, float |
     if not (_alike(upper) and _alike(lower)) or top is None:
         return "custom", top, bottom, False
     if bottom is None or _near(top, bottom):
-        return "standard", top, bottom, _near(top, standard_coefficients(model).p)
+        return "standard", top, bottom, _near(top, standard_coefficients(model, of_commands=True).p)
     if table.thr_mdl_fac < 0.995:
         # squares (eq. 6) need THR_MDL_FAC 1: unequal columns under another curve were fitted to it
         return "fitted", top, bottom, False
-    reduced = reduced_coefficients(model)
+    reduced = reduced_coefficients(model, of_commands=True)
     return "reduced", top, bottom, _near(top, reduced.p_upper) and _near(bottom, reduced.p_lower)
 
 

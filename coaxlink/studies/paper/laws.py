@@ -23,4 +23,4 @@ def standard_printed(vehicle: Vehicle) -> SquareLaw:
     per_thrust, per_torque = airframe.effectiveness()
     thrust_gain, torque_gain = airframe.gains
     matrix = c.p * per_thrust * thrust_gain + c.q / c.p * per_torque * torque_gain
-    return square_law("standard-printed", airframe, matrix)
+    return square_law("standard-printed", vehicle, matrix)
