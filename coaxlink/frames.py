@@ -110,7 +110,7 @@ class StandFrame:
     model: RotorModel
     time_s: Array  # (rows,)
     speeds: Array  # (rows, 2) upper, lower, normalised
-    throttles: Array | None  # (rows, 2)
+    throttles: Array | None  # (rows, 2) as the speeds that the model's drive gives at them
     driven: bool  # speeds are throttles or set-points: whatever slows a motor shows in the loads
     predicted: Array  # (rows, 6)
     measured: Array  # (rows, 6), NaN-free; absent channels are zero

@@ -83,9 +83,9 @@ def compare(
     load = table_views.load_shares(frame, light, heavy)
     worths = table_views.weigh_tables(vehicle, load, connect)
     shown = worths.rows if every or not worths.serving() else worths.serving()
-    fitted = FittedLaw(vehicle)
     wrenches = envelope(frame, rows, seed=2)
-    result = weigh(vehicle, _laws(vehicle, fitted, printed=printed), wrenches)
+    weighed = every or printed or report or json_file
+    result = weigh(vehicle, _laws(vehicle, FittedLaw(vehicle), printed=printed), wrenches) if weighed else []
     battery = (frame.battery_Wh if battery_wh is None else battery_wh, drive_efficiency)
     low, high = wrenches.min(axis=0), wrenches.max(axis=0)
     laws = [_cells(row) for row in result] if every or printed else []

@@ -211,7 +211,8 @@ def _by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
     """
     columns = {}
     given = np.stack([log[f"motor{rotor.number}"] for rotor in airframe.rotors], axis=1)
-    asked = airframe.turned(model, np.where(impossible_commands(given), np.nan, given))
+    volts = log["voltage_V"] if log.has("voltage_V") else None
+    asked = airframe.turned(model, np.where(impossible_commands(given), np.nan, given), volts)
     for rotor, command in zip(airframe.rotors, asked.T, strict=True):
         speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm
         rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)

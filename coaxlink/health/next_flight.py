@@ -214,7 +214,7 @@ def _tables(airframe: Airframe, model: RotorModel, known: Known) -> TableNeeds:
         for (load, term), value in zip(known.names, values, strict=True):
             terms[load][term] = float(value)
         try:
-            law = FittedLaw(Vehicle(airframe, RotorModel.from_terms(model.form, model.speed_max_rpm, terms)))
+            law = FittedLaw(Vehicle(airframe, replace(model.having(terms), effects=())))
         except UNFLYABLE:
             if number == 0:
                 raise

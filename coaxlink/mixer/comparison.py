@@ -40,7 +40,7 @@ class Row:
             "mean_error": self.mean_error.tolist(),
             "max_error": self.max_error.tolist(),
             "power": self.power,
-            "efficiency_N_W": self.efficiency_N_W,
+            "efficiency_N_W": self.efficiency_N_W if math.isfinite(self.efficiency_N_W) else None,
             "most_thrust_N": self.ceiling_N,
             "most_yaw_Nm": self.yaw_Nm if math.isfinite(self.yaw_Nm) else None,
         }

@@ -1,7 +1,7 @@
 """What a mixer table is worth to who flies it: power, loop gains over load, authority, ceiling, coupling.
 
 A table is a function from demands (thrust 0..1; roll, pitch, yaw -1..1) to motor commands, desaturation and
-thrust curve included; what the rotors turn and lift at these is the rotor file's word, not the table's own belief.
+thrust curve included; what rotors turn and lift at these is the word of the rotor file, not of the table.
 Nothing here counts an error that one constant gain an axis takes off: an autopilot's integrators and its
 learnt hover thrust do that by themselves.
 """
@@ -33,7 +33,7 @@ LOADS, TOPMOST = (
     0.98,
 )  # masses at which sink is given; the heaviest, as a share of what the ceiling carries
 BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
-# shaft over electrical watts of motor and ESC, where a stand measured no volts and amps: a premise that enters
+# shaft over electrical watts of motor and ESC where a stand measured no volts and amps: a premise that enters
 # minutes and never their ratio
 DRIVE_EFFICIENCY = 0.80
 
@@ -89,6 +89,13 @@ class Worth:
         """Of the ceiling."""
         return self.ceiling_N / (self.mass_kg * GRAVITY_M_S2)
 
+    @property
+    def drawn(self) -> tuple[float, str]:
+        """Watts in hover and where they are: from the battery where that was measured, else at the shafts."""
+        if math.isfinite(self.battery_W):
+            return self.battery_W, "from the battery"
+        return self.hover_W, "at the shafts"
+
     def minutes(self, battery_Wh: float, drive_efficiency: float = DRIVE_EFFICIENCY) -> float:
         """In hover on this energy, by measured battery watts or, without them, by an efficiency."""
         drawn = self.battery_W if math.isfinite(self.battery_W) else self.hover_W / drive_efficiency
@@ -112,7 +119,7 @@ class Worth:
             "hard_Nm": self.hard_Nm.tolist(),
             "coupling": [_nulls(row) for row in self.coupling],
             "shape_error": _nulls(self.shape_error),
-            "sink": {"load_kg": self.sink_kg.tolist(), "m_s2": self.sink_m_s2.tolist()},
+            "sink": {"load_kg": self.sink_kg.tolist(), "m_s2": _nulls(self.sink_m_s2)},
         }
 
 
@@ -169,7 +176,7 @@ def front(rows: Sequence[Worth]) -> list[bool]:
 
     Differences below a thousandth are none.
     """
-    gains = [(-row.hover_W, row.ceiling_N, row.limits[2].moment_Nm) for row in rows]
+    gains = [(-row.drawn[0], row.ceiling_N, row.limits[2].moment_Nm) for row in rows]
 
     def beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
         more = [x - y for x, y in zip(a, b, strict=True)]

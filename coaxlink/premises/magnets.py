@@ -47,7 +47,7 @@ def to_set(parameters: Mapping[str, float], magnets: int) -> str:
 def miscounted(log: Samples, airframe: Airframe, model: RotorModel) -> OtherVehicle | None:
     """Another number of magnets that explains the rpm of all rotors, with the parameter to set."""
     given = np.stack([log[f"motor{r.number}"] for r in airframe.rotors], axis=1)
-    commands = airframe.turned(model, given)
+    commands = airframe.turned(model, given, supply_of(log))
     speeds = np.stack([log[f"rpm{r.number}"] for r in airframe.rotors], axis=1) / model.speed_max_rpm
     force = -airframe.mass_kg * log["accel_z_m_s2"]
     with np.errstate(invalid="ignore"):
@@ -75,6 +75,11 @@ def miscounted(log: Samples, airframe: Airframe, model: RotorModel) -> OtherVehi
     )
     near = float(np.exp(np.sqrt(CHI2_95) * DRIVE))
     return OtherVehicle("speeds", driven, (1.0 / near, near), why)
+
+
+def supply_of(log: Samples) -> Array | None:
+    """(rows,) V that the ESCs had, None where no log says."""
+    return log["voltage_V"] if log.has("voltage_V") else None
 
 
 def _lift(airframe: Airframe, model: RotorModel, speeds: Array) -> Array:

@@ -20,7 +20,7 @@ from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import DAMAGED, Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.premises.answer import OtherVehicle
-from coaxlink.premises.magnets import miscounted
+from coaxlink.premises.magnets import miscounted, supply_of
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.rotor import RotorModel
 from coaxlink.signals import low_pass
@@ -152,7 +152,7 @@ def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
     if len(numbers) < len(frame.airframe.rotors):
         return
     given, rpm = (np.stack([log[f"{name}{n}"] for n in numbers], axis=1) for name in ("motor", "rpm"))
-    commands = frame.airframe.turned(frame.model, given)
+    commands = frame.airframe.turned(frame.model, given, supply_of(log))
     turning = np.isfinite(commands) & np.isfinite(rpm) & (commands > 2 * WORKS) & (rpm > 0.0)
     if turning.sum(axis=0).min() < FEWEST:
         return
@@ -191,7 +191,7 @@ def _currents(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
     given, amperes = (
         np.stack([log[n.format(k)] for k in numbers], axis=1) for n in ("motor{}", "current{}_A")
     )
-    speeds = body.turned(model, np.clip(given, 0.0, 1.0))
+    speeds = body.turned(model, np.clip(given, 0.0, 1.0), supply_of(log))
     power = body.loads(model, speeds)[1] * speeds * model.speed_max_rpm * RAD_S_PER_RPM
     flying = power > 0.5 * np.nanmedian(power, axis=0)  # idling says nothing
     logged = np.isfinite(power) & np.isfinite(amperes) & flying & (amperes > 0.0)

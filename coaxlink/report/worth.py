@@ -59,14 +59,15 @@ def verdict(this: Worth, other: Worth) -> str:
         return f"the {this.name} table cannot carry this vehicle"
     if math.isnan(other.hover_W):
         return f"the {this.name} table carries this vehicle, the {other.name} one does not"
-    saved = 1.0 - this.hover_W / other.hover_W
+    (power_W, _), (before_W, where) = this.drawn, other.drawn
+    saved = 1.0 - power_W / before_W
     loads = "{:.3g} to {:.3g} kg".format(*this.load_kg)
     same = abs(saved) < 5e-4  # a figure that is shown as 0.0 %
     power = f"needs the hover power of the {other.name} one"
     if not same:
-        longer = f"{other.hover_W / this.hover_W - 1.0:+.1%} time in the air"
+        longer = f"{before_W / power_W - 1.0:+.1%} time in the air"
         word = "saves" if saved > 0 else "costs"
-        power = f"{word} {abs(saved):.1%} of hover power against the {other.name} one ({longer})"
+        power = f"{word} {abs(saved):.1%} of hover power {where} against the {other.name} one ({longer})"
     gains = (
         f"Loop gains change by {_within(this)} from {loads} ({other.name}: {_within(other)})"
         if np.isfinite([this.load_span, other.load_span]).all()
@@ -95,8 +96,8 @@ def remark_on_exact(exact: Worth | None, this: Worth) -> str:
     if exact is None or not exact.ceiling_N > NOTICED * this.ceiling_N:
         return ""
     return (
-        f"The exact law lifts {exact.thrust_to_weight:.2f} times the weight at {exact.hover_W:.0f} W in "
-        f"hover ({this.name}: {this.thrust_to_weight:.2f}, {this.hover_W:.0f} W). {EXACT_WAY}"
+        f"The exact law lifts {exact.thrust_to_weight:.2f} times the weight at {exact.drawn[0]:.0f} W in "
+        f"hover ({this.name}: {this.thrust_to_weight:.2f}, {this.drawn[0]:.0f} W). {EXACT_WAY}"
     )
 
 
@@ -107,13 +108,14 @@ def price(this: Worth, other: Worth, against: str) -> list[str]:
         return f" ({new / old - 1.0:+.1%})" if math.isfinite(new) and math.isfinite(old) and old else ""
 
     yaw, yaw_before = (t.limits[2].moment_Nm for t in (this, other))
+    (power, where), (before, _) = this.drawn, other.drawn
     return [
         f"ceiling: {this.ceiling_N:.0f} N, {this.thrust_to_weight:.2f} times the weight; {against} "
         f"{other.ceiling_N:.0f} N, {other.thrust_to_weight:.2f}{changed(this.ceiling_N, other.ceiling_N)}",
         f"yaw authority: {_number(yaw, '.1f')} N m in hover until a rotor is at its bound; {against} "
         f"{_number(yaw_before, '.1f')} N m{changed(yaw, yaw_before)}",
-        f"hover power: {_number(this.hover_W, '.0f')} W at the shafts; {against} "
-        f"{_number(other.hover_W, '.0f')} W{changed(this.hover_W, other.hover_W)}",
+        f"hover power: {_number(power, '.0f')} W {where}; {against} "
+        f"{_number(before, '.0f')} W{changed(power, before)}",
         *(
             [f"the exact law gives up no ceiling. {EXACT_WAY}"]
             if other.ceiling_N > NOTICED * this.ceiling_N
@@ -126,7 +128,7 @@ def remark_on_curve(curved: Worth | None, this: Worth, curve: float | None) -> s
     """What THR_MDL_FAC alone gives, empty where that is not known."""
     if curved is None or curve is None or not np.isfinite(curved.load_span).all():
         return ""
-    dearer = curved.hover_W / this.hover_W - 1.0
+    dearer = curved.drawn[0] / this.drawn[0] - 1.0
     return (
         f"THR_MDL_FAC {curve:.2f} in the standard table alone (`law` curved): loop gains change by "
         f"{_within(curved)}, ceiling {curved.thrust_to_weight:.2f} times the weight, hover power "
@@ -142,16 +144,21 @@ def rows(
     low, high = tables[0].load_kg
     hard = tables[0].hard_Nm
     first = tables[0]
-    made: list[tuple[str, list[str]]] = [
+    made: list[tuple[str, list[str]]] = []
+    measured = any(math.isfinite(t.battery_W) for t in tables)
+    if measured:
+        made.append(("hover power from the battery, W", [_number(t.battery_W, ".0f") for t in tables]))
+    made += [
         ("hover power at the shafts, W", [_number(t.hover_W, ".0f") for t in tables]),
         (
             f"time in the air against {first.name}, %",
-            [_share(first.hover_W / t.hover_W - 1.0) for t in tables],
+            [_share(first.drawn[0] / t.drawn[0] - 1.0) for t in tables],
         ),
     ]
     if battery_Wh is not None:
         minutes = [_number(t.minutes(battery_Wh, drive_efficiency), ".1f") for t in tables]
-        made.append((f"hover on {battery_Wh:g} Wh, drive {drive_efficiency:.0%}, minutes", minutes))
+        by = "" if measured else f", drive {drive_efficiency:.0%}"
+        made.append((f"hover on {battery_Wh:g} Wh{by}, minutes", minutes))
     made += [
         ("ceiling, N", [f"{t.ceiling_N:.0f}" for t in tables]),
         ("ceiling, times the weight", [f"{t.thrust_to_weight:.2f}" for t in tables]),

@@ -2,21 +2,21 @@
 
     command V / V_ref = c_0 + c_1 u + c_2 u^2 (+ c_3 u^3) + r Q,    u = rpm / speed_max_rpm, Q the torque, N m
 
-A motor's terminal voltage is its back-EMF, which goes with speed, and what its winding's resistance takes, which
-goes with torque (Drela 2007, first-order motor model); a cubic takes what an ESC bends. So a lower rotor that the
-upper one's wake unloads turns faster at the same command. Battery watts of a side at angular rate w (rad/s):
+A motor's terminal voltage is its back-EMF, which goes with speed, and what its winding's resistance takes,
+which goes with torque (Drela 2007, a motor of first order); a cubic takes what an ESC bends. So a lower rotor
+that the upper one's wake unloads turns faster at the same command. Battery watts of a side at w rad/s:
 
     P = constant + per_rad_s w + per_rad_s2 w^2 + per_Nm2 Q^2 + shaft Q w
 
-idle, iron (hysteresis, eddy currents), copper, and what goes with the shaft's own power. Without a drive a command
-*is* the normalised speed, as of an ESC that governs speed.
+idle, iron (hysteresis, eddy currents), copper, and what goes with the shaft's own power. Without a drive a
+command *is* the normalised speed, as of an ESC that governs speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,16 +79,22 @@ class Drive:
     voltage_V: float | None = None  # of the supply at which it holds; None: not known
 
     def supply(self, voltage_V: ArrayLike | None) -> Array:
-        """(...) what a command counts for at a voltage (...), NaN or None where that is not known."""
+        """(...) what a command counts for at a voltage (...); NaN, 0 or None where that is not known."""
         if voltage_V is None or self.voltage_V is None:
             return np.ones(())
         share = np.asarray(voltage_V, float) / self.voltage_V
-        return np.asarray(np.where(np.isfinite(share), share, 1.0))
+        return np.asarray(np.where(np.isfinite(share) & (share > 0.0), share, 1.0))
 
     def commands(self, u: ArrayLike, v: ArrayLike, torque: Torque) -> tuple[Array, Array]:
-        """Commands of the upper and the lower rotor that hold speeds u and v (...), at the drive's voltage."""
+        """Commands of upper and lower rotor that hold speeds u and v (...), at the drive's voltage."""
         u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
-        return self.upper.command_at(u, torque(0, u, v)), self.lower.command_at(v, torque(1, u, v))
+        return self._upper_at(u, v, torque), self._lower_at(v, u, torque)
+
+    def _upper_at(self, u: Array, v: Array, torque: Torque) -> Array:
+        return self.upper.command_at(u, torque(0, u, v))
+
+    def _lower_at(self, v: Array, u: Array, torque: Torque) -> Array:
+        return self.lower.command_at(v, torque(1, u, v))
 
     def table(self, torque: Torque) -> SpeedTable:
         """Speeds over both commands; `torque` is the pair's."""
@@ -96,8 +102,8 @@ class Drive:
         upper, lower = np.meshgrid(grid, grid, indexing="ij")
         u, v = upper.copy(), lower.copy()
         for _ in range(ROUNDS):  # each rotor's speed bears only a little on the other's torque
-            u = _solved(lambda x, v=v: self.upper.command_at(x, torque(0, x, v)), upper)
-            v = _solved(lambda x, u=u: self.lower.command_at(x, torque(1, u, x)), lower)
+            u = _solved(partial(self._upper_at, v=v, torque=torque), upper)
+            v = _solved(partial(self._lower_at, u=u, torque=torque), lower)
         return SpeedTable(np.stack([u, v]))
 
 
@@ -118,6 +124,7 @@ class SpeedTable:
         t = self.speeds
         found = (1 - p) * ((1 - q) * t[:, i, j] + q * t[:, i, j + 1])
         found = found + p * ((1 - q) * t[:, i + 1, j] + q * t[:, i + 1, j + 1])
+        found = np.where(known, found, np.nan)
         return found[0], found[1]
 
 
@@ -133,7 +140,7 @@ class BatteryPower:
     error: float = 0.0  # W, on held-out blocks
 
     def watts(self, rad_s: ArrayLike, torque_Nm: ArrayLike) -> Array:
-        """W (...) at angular rates (...) and torques (...); none flows back from a rotor that the wake turns."""
+        """W (...) at angular rates (...) and torques (...); a rotor that the wake turns gives none back."""
         w, q = np.asarray(rad_s, float), np.asarray(torque_Nm, float)
         lost = self.constant + w * (self.per_rad_s + w * self.per_rad_s2) + self.per_Nm2 * q**2
         return np.asarray(np.maximum(lost + self.shaft * q * w, 0.0))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.rotor import RotorModel
@@ -158,7 +160,7 @@ def _mass(airframe: Airframe) -> Iterator[Finding]:
 
 
 def _thrust(airframe: Airframe, model: RotorModel) -> Iterator[Finding]:
-    thrust, torque = airframe.loads(model, [1.0] * len(airframe.rotors))
+    thrust, torque = airframe.loads(model, airframe.turned(model, np.ones(len(airframe.rotors))))
     ratio = float(airframe.wrench(thrust, torque)[0]) / (airframe.mass_kg * GRAVITY_M_S2)
     if not _LEAST_THRUST <= ratio <= _MOST_THRUST:
         least = f"{ratio:.2f} times the weight: mass_kg or the rotor model is wrong"

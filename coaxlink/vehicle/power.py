@@ -1,4 +1,4 @@
-"""What rotors take: watts at the shafts, torque times speed, and watts from the battery where these were measured."""
+"""What rotors take: watts at the shafts, torque times speed; watts from the battery where measured."""
 
 from __future__ import annotations
 

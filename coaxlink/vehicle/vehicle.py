@@ -2,9 +2,10 @@
 
 The one place that turns [[effects]] into what laws, tables and the allocator work with: a rotor model over
 true speeds, a gain for every rotor, places from the true centre of mass, and what commands turn at the stated
-conditions. Laws, loads and power know speeds alone; `turned` and `commanded` are the way from commands and back.
-What each effect does stands in its own module of `coaxlink.effects`; what no static mixer can hold stays outside
-and is named in `left_out` with the reason. Laws take nothing but a Vehicle: no effect is dropped in silence.
+conditions. Laws, loads and power know speeds alone; `turned` and `commanded` lead from commands and back.
+What each effect does stands in its own module of `coaxlink.effects`; what no static mixer can hold stays
+outside and is named in `left_out` with the reason. Laws take nothing but a Vehicle: no effect is dropped in
+silence.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def rotors_of(
 ) -> tuple[RotorView, ...]:
     """(N,) rotors; `least` is the normalised command at which motors run slowest in flight."""
     airframe = vehicle.airframe
-    model = vehicle.speed_model if speeds.basis == "measured" else vehicle.model
+    model = vehicle.model
     u = np.array([np.nan if s is None else s for s in speeds.u])
     # an unknown speed makes NaN of just those loads that depend on it
     thrust, torque = airframe.loads(model, u)

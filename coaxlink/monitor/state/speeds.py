@@ -56,15 +56,15 @@ class RotorSpeeds:
 
     source: str  # "ESC_STATUS rpm", ...; "" while nobody reports any
     basis: str  # measured, commanded or none
-    u: Values  # normalised speed where measured, else the command
-    rpm: Values  # measured, or what u means by the rotor model
+    u: Values  # normalised speed, measured or what the commands give
+    rpm: Values  # the same
     throttle: Values  # commanded 0..1, whatever `u` is from
     received_s: float | None
     notes: tuple[str, ...] = ()
 
 
 def rotor_speeds(heard: Heard, vehicle: Vehicle) -> RotorSpeeds:
-    """Choose among what was heard of the N rotors; measured u are speeds, commanded ones commands."""
+    """Choose among what was heard of the N rotors: measured speeds, or what the commands turn."""
     now, rotors = heard.now(), len(vehicle.airframe.rotors)
     commanded = commanded_speeds(heard, rotors)
     measured, notes = measured_speeds(heard, vehicle, commanded)
@@ -77,19 +77,19 @@ def rotor_speeds(heard: Heard, vehicle: Vehicle) -> RotorSpeeds:
         fresh = measured.fresh(now)
         notes.append(f"{kind} knows {measured.known} of {rotors} rotors" if fresh else f"{kind} went quiet")
     elif chosen is measured and commanded.fresh(now):
-        notes += _scaled(measured, commanded, vehicle.speed_model.speed_max_rpm)
+        notes += _scaled(measured, commanded, vehicle.model.speed_max_rpm)
     if chosen.known < rotors:
         missing = ", ".join(str(i + 1) for i, u in enumerate(chosen.u) if u is None)
         notes.append(f"no speed of rotor {missing}")
     if chosen.extra:
         notes.append(f"{chosen.name} reports {chosen.extra} more than the airframe's {rotors} rotors")
-    full_rpm = (vehicle.speed_model if chosen is measured else vehicle.model).speed_max_rpm
     known = np.array([np.nan if u is None else u for u in chosen.u])
-    turned = known if chosen is measured else vehicle.airframe.turned(vehicle.rotors, known)
-    rpm = tuple(None if u is None else float(t) * full_rpm for u, t in zip(chosen.u, turned, strict=True))
+    turned = known if chosen is measured else vehicle.turned(known)
+    u = tuple(None if math.isnan(t) else float(t) for t in turned)
+    rpm = tuple(None if t is None else t * vehicle.model.speed_max_rpm for t in u)
     old = not commanded.fresh(now) and chosen.fresh(now)
     throttle = (None,) * rotors if old else commanded.u
-    return RotorSpeeds(chosen.name, chosen.basis, chosen.u, rpm, throttle, chosen.received_s, tuple(notes))
+    return RotorSpeeds(chosen.name, chosen.basis, u, rpm, throttle, chosen.received_s, tuple(notes))
 
 
 def commanded_speeds(heard: Heard, rotors: int) -> SpeedSource:
@@ -111,7 +111,7 @@ def measured_speeds(heard: Heard, vehicle: Vehicle, commanded: SpeedSource) -> t
         notes.append(f"{kind} repeats rotors 1-4 as {first + 1}-{first + 4}: not used for them")
         live = {i: t for i, t in live.items() if not first <= i < first + 4}
     outputs = motor_outputs(heard.parameters, rotors)  # PX4 numbers ESCs by motor, ArduPilot by output
-    full_rpm = vehicle.speed_model.speed_max_rpm
+    full_rpm = vehicle.model.speed_max_rpm
     u = tuple(abs(live[p].value) / full_rpm if p in live else None for p in outputs)
     driven = commanded.fresh(now) and any(c is not None and c > RUNNING for c in commanded.u)
     if driven and not any(u):

@@ -42,10 +42,10 @@ def draw_comparison(name: str, worths: Worths, shown: Sequence[Worth], stamp: st
 
 def _draw_front(axes: Axes, name: str, worths: Worths, looks: dict[str, Look]) -> None:
     """Ceiling and yaw authority as places, power in words; filled: on the Pareto front of the three."""
-    drawn = [
+    flyable = [
         (row, best) for row, best in zip(worths.rows, front(worths.rows), strict=True) if len(row.sink_kg)
     ]
-    for row, best in drawn:
+    for row, best in flyable:
         look, at = looks[row.name], (row.ceiling_N, row.limits[2].moment_Nm)
         fill = look.colour if best else "white"
         axes.plot(*at, look.marker, ms=11, mfc=fill, mec=look.colour, mew=1.8, ls="none")
@@ -55,12 +55,12 @@ def _draw_front(axes: Axes, name: str, worths: Worths, looks: dict[str, Look]) -
     low, high = axes.get_ylim()
     left, right = axes.get_xlim()
     last = {True: -np.inf, False: -np.inf}
-    for row, _ in sorted(drawn, key=lambda d: d[0].limits[2].moment_Nm):
+    for row, _ in sorted(flyable, key=lambda d: d[0].limits[2].moment_Nm):
         ceiling, yaw = row.ceiling_N, row.limits[2].moment_Nm
         far = ceiling > (left + right) / 2
         y = max(yaw, last[far] + ROOM * (high - low))
         last[far] = y
-        text = f"{row.name}, {row.hover_W:.0f} W"
+        text = f"{row.name}, {row.drawn[0]:.0f} W"
         away = (-16, 0) if far else (16, 0)
         axes.annotate(
             text, (ceiling, y), away, textcoords="offset points", ha="right" if far else "left", va="center",

@@ -46,6 +46,7 @@ SHARES = (
     (90.0, (0.53, 0.65), (0.82, 0.53)),
     (np.inf, (0.0, 0.39, 0.57), (0.0, 0.38, 0.68)),
 )
+SUPPLY_HZ = 1.0  # a pack's voltage follows the load within a second; above is the sensor's noise
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
     "time_s",
@@ -265,7 +266,9 @@ def _uniform(
     columns["given"] = np.stack([columns.pop(m) for m in motors], axis=1)
     steps = np.array([log.resolution.get(m, resolution_of(log[m])) for m in motors])
     commands = np.clip(before_rounding(columns["given"], steps), 0.0, 1.0)
-    columns["commands"] = airframe.turned(model, commands)
+    volts = columns.get("voltage_V")
+    supply = volts if volts is None else low_pass(volts, 1.0 / step, min(SUPPLY_HZ, 0.4 / step))
+    columns["commands"] = airframe.turned(model, commands, supply)
     columns["speeds"] = lagged(columns["commands"], step, lag_s)
     for every in COARSER:
         # what runs smoothly is no error of fewer rows: a spline passes it

@@ -85,6 +85,8 @@ def stand_frame(
         raise InputError(samples.source, "", f"{samples.rows} rows; {need}{samples.rows_lost()}")
     speeds = normalised_speeds(samples, model.speed_max_rpm if model else None)
     u = np.stack([speeds.upper, speeds.lower], axis=1)
+    if model is not None and speeds.from_throttle:
+        u = _turned(model, samples, u)
     measured = np.zeros((samples.rows, 6))
     for c, name in enumerate(STAND_LOADS):
         if name in names:
@@ -100,6 +102,8 @@ def stand_frame(
             if np.ptp(throttles[:, side]) > 0.05:
                 present.append(4 + side)
                 measured[:, 4 + side] = u[:, side]
+        if model is not None:
+            throttles = _turned(model, samples, throttles)
     time = samples["time_s"] if samples.has("time_s") else np.arange(float(samples.rows))
     back = np.diff(time) < 0
     if back.any():
@@ -142,6 +146,18 @@ def stand_frame(
         notes=tuple(notes),
     )
     return predict(frame)
+
+
+def _turned(model: RotorModel, samples: Samples, throttles: Array) -> Array:
+    """(rows, 2) speeds that throttles give by the model's drive, at the log's supply where it has one."""
+    volts = [
+        next((samples[n] for n in (f"{side}_voltage_V", "voltage_V") if samples.has(n)), None)
+        for side in ("upper", "lower")
+    ]
+    if model.drive is None:
+        return throttles
+    supply = [model.drive.supply(v) for v in volts]
+    return np.stack(model.turned(throttles[:, 0] * supply[0], throttles[:, 1] * supply[1]), axis=1)
 
 
 def _set_points(u: Array) -> bool:

@@ -145,7 +145,8 @@ def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float, law: Law
     wrench = np.concatenate([(frame.airframe.mass_kg * size)[:, None], moment], axis=1)
     if law is None:
         law = make_law("coaxial", Vehicle(frame.airframe, replace(frame.model, effects=())))
-    commands = np.array([law.speeds(w) for w in wrench])
+    speeds = np.array([law.speeds(w) for w in wrench])
+    commands = np.clip(frame.airframe.commanded(frame.model, speeds), 0.0, 1.0)
     columns = {"time_s": t, "roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw}
     zero = np.zeros_like(t)
     for k, axis in enumerate("xyz"):
