@@ -162,7 +162,7 @@ def of_curves(rpm_over_throttle: Mapping[str, Sequence[float]], speed_max_rpm: f
     sides = {}
     for side, b in rpm_over_throttle.items():
         u = np.polynomial.Polynomial(b)(throttle) / speed_max_rpm
-        command = np.polynomial.Polynomial.fit(u, throttle, 3).convert().coef
+        command = np.polynomial.Polynomial.fit(u, throttle, 5).convert().coef
         sides[side] = SideDrive(tuple(float(c) for c in command), range=(0.05, 1.0))
     only = next(iter(sides.values()))
     return Drive(sides.get("upper", only), sides.get("lower", only))

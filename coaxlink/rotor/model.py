@@ -247,7 +247,7 @@ class _Sources(BaseModel):
 class _SideDrive(BaseModel):
     model_config = ConfigDict(extra="forbid")
     command: tuple[Finite, ...] = Field(
-        min_length=2, max_length=4,
+        min_length=2, max_length=6,
         description="c_0, c_1, ...: command = c_0 + c_1 u + c_2 u^2 + ... + torque_per_Nm Q at `voltage_V`.",
     )  # fmt: skip
     torque_per_Nm: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Command per N m of torque.")
