@@ -1,4 +1,4 @@
-"""A drive between commands and speeds: what tables turn, what laws are told, and the watts that come of it."""
+"""A drive between commands and speeds: what tables turn, what laws are told, and what that takes."""
 
 import dataclasses
 import math
@@ -30,8 +30,8 @@ def turns(upper_command, lower_command):
     """Speeds of both rotors, one root after the other."""
     u = v = 0.5
     for _ in range(40):
-        u = brentq(lambda x: 0.62 * x + 0.22 * float(CRM.upper_torque(x, v)) - upper_command, 0.0, 2.0)
-        v = brentq(lambda x: 0.62 * x + 0.22 * float(CRM.lower_torque(u, x)) - lower_command, 0.0, 2.0)
+        u = brentq(lambda x, v=v: 0.62 * x + 0.22 * float(CRM.upper_torque(x, v)) - upper_command, 0.0, 2.0)
+        v = brentq(lambda x, u=u: 0.62 * x + 0.22 * float(CRM.lower_torque(u, x)) - lower_command, 0.0, 2.0)
     return u, v
 
 
