@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.load import Load
+from coaxlink.rotor.drive_fit import drive_of
 from coaxlink.rotor.fit import (
     FORMS,
     ROWS_A_TERM,
@@ -123,6 +124,8 @@ class Identification:
                 load: [vars(step) for step in fit.history] for load, fit in fits.items() if fit.history
             },
             "wild_rows": [vars(row) for row in self.outliers],
+            "drive": None if self.model.drive is None else asdict(self.model.drive),
+            "battery_power": {side: asdict(power) for side, power in self.model.battery_power.items()},
             "notes": list(self.notes),
         }
 
@@ -169,6 +172,8 @@ def _identified(data: StandData, form: str, options: Options, compare: bool) -> 
         data.speeds.speed_max_rpm,
         {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS},
         sources={"upper": "measured", "lower": "measured"},
+        drive=drive_of(data.speeds.drives, data.speeds.speed_max_rpm),
+        battery_power={side: watts.power for side, watts in data.watts.items()},
     )
     result = Identification(
         chosen,
@@ -357,6 +362,6 @@ def _provenance(result: Identification) -> dict[str, Any]:
 def _range(data: StandData) -> dict[str, Any]:
     """How far throttles went, where that does not tell what full throttle gives."""
     unknown = [
-        c.top for c in data.speeds.curves.values() if not c.reaches_full and data.speeds.source != "given"
+        d.top for d in data.speeds.drives.values() if not d.reaches_full and data.speeds.source != "given"
     ]
     return {"throttle_to": max(unknown)} if unknown else {}

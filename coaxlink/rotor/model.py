@@ -250,7 +250,8 @@ class _SideDrive(BaseModel):
         min_length=2, max_length=6,
         description="c_0, c_1, ...: command = c_0 + c_1 u + c_2 u^2 + ... + torque_per_Nm Q at `voltage_V`.",
     )  # fmt: skip
-    torque_per_Nm: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Command per N m of torque.")
+    torque_per_Nm: Finite = Field(0.0, description="Command per N m of torque, at rest.")
+    torque_speed_per_Nm: Finite = Field(0.0, description="What u adds to that.")
     range: tuple[Finite, Finite] = Field((0.0, 1.0), description="Commands that were measured.")
     error: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Standard error of the command.")
 

@@ -2,8 +2,8 @@
 """The exact law as a C function, for flights that are compiled as a whole: demand in, motor commands out.
 
 `void law(int64 *book, double *demand, double *command)`: demand = (roll, pitch, yaw, thrust) normalised, as
-`mixer.demands.law_commands` has them. The book holds the addresses of the solver's arrays, so that every flight
-has a memory of its own.
+`mixer.demands.law_commands` has them. The book holds the addresses of the solver's arrays, so that every
+flight has a memory of its own.
 """
 
 from __future__ import annotations

@@ -1,15 +1,18 @@
 # mypy: disallow-untyped-defs=False
-"""The exact law's arithmetic: least power for a wrench on polynomial rotors, speeds between bounds.
+"""The exact law's arithmetic: least power for a wrench on polynomial arms, coordinates between bounds.
 
-    min P(x) = sum_k q_u u_u + q_l u_l   subject to   W(x) = mu,   lo <= x <= hi
+    min P(x) = sum_k P_k(u, s)   subject to   W(x) = mu,   lo <= x <= hi
+
+u is the upper rotor's speed, s where the lower one's lies between the least and the greatest it may have
+beneath that (`exact.arms`): so the bounds are a box, and the corner where a lower rotor windmills is outside.
 
 with strict priorities when no x delivers mu: axis j may be missed at the price of cap_j |mu_j - W_j|, caps a
 hundredfold apart (an exact penalty), so a lower axis is given up before a higher one is touched.
 
-Sequential quadratic programming, warm-started. Read from the bottom: `optimum` (where to start from, and the
-sure way when that fails), `solve` (steps until nothing is missed), `quadratic_step` (one quadratic problem:
+Sequential quadratic programming, warm-started. Read from the bottom: `settled` (where to start from, and
+where again when that fails), `solve` (steps until nothing is missed), `quadratic_step` (one quadratic problem:
 active set and prices), `climb` (the sure way through one), `assemble` and `factor` (its 4 x 4 Schur
-complement: the Hessian of the Lagrangian is a 2 x 2 block an arm), `expand` (loads and slopes).
+complement: the Hessian of the Lagrangian is a 2 x 2 block an arm), `expand` (surfaces and slopes).
 
 Floats, indexing and loops, and no allocation: the same functions run on lists in plain Python and on arrays
 when numba compiles them (`exact.compiled`). Everything is normalised by `exact.law`: axes in order of
@@ -23,22 +26,28 @@ from typing import Any, NamedTuple
 
 
 class Arms(NamedTuple):
-    """A vehicle of K arms; a single rotor is an arm whose second speed is held at 0.
+    """A vehicle of K arms; a single rotor is an arm whose second coordinate is held at 0.
 
-    Speeds are (2K,): the upper and the lower one of each arm.
+    x is (2K,): u and s of each arm. What an arm does to the body are M surfaces of these, as few as its four
+    loads need: of an ordinary pair two, the sum of its thrusts and the difference of its torques.
     """
 
     size: int  # K
-    upper_order: int  # highest power of an upper speed in any load
-    lower_order: int
-    load: Any  # (K, 4, T) coefficients by rows of powers of the upper speed; loads as below
-    gain: Any  # (K, 4, 4) wrench by axis of a unit of each load
+    surfaces: int  # M
+    order_u: int  # highest power of u in any surface
+    order_s: int
+    power_u: int  # and in the power
+    power_s: int
+    surface: Any  # (K, M, T) coefficients by rows of powers of u
+    power: Any  # (K, T')
+    gain: Any  # (K, M, 4) wrench by axis of a unit of each surface
     lo: Any  # (2K,) bounds
     hi: Any
     cap: Any  # (4,) most that an axis is worth, in power
-
-
-UPPER_TORQUE, LOWER_TORQUE = 1, 3  # of the loads: upper thrust, upper torque, lower thrust, lower torque
+    squares: Any  # (2K, 4) of the reduced law: squared speeds per wrench
+    line: Any  # (K, 4) least and greatest lower speed: at rest, and per unit of u, each
+    home: Any  # (2K,) where the vehicle hovers
+    within: Any  # (1,) of mu: what is missed without being a fault, of the vehicle's authority
 
 
 class State(NamedTuple):
@@ -70,7 +79,10 @@ class State(NamedTuple):
     old_gone: Any  # (3, 4)
     old_x: Any  # (3, 2K)
     old_act: Any  # (3, 2K)
-    smooth: Any  # (1,) 1 if the last call's speeds were reached by a smooth motion, 0 if by a jump
+    smooth: Any  # (1,) 1 if the last call's x was reached by a smooth motion, 0 if by a jump
+    best: Any  # (2K,) of all starts so far
+    looked: Any  # (5,) where the last look all round was made (mu), and whether one was: 1
+    looks: Any  # (1,) how many were made
 
 
 CURVATURE = 0.05  # least curvature of an arm's block
@@ -92,11 +104,11 @@ CLEARLY = 1.5  # times nearer: else the last solution, which the active set is s
 NEVER = 1e9  # further from any wrench than any wrench can be: nothing is remembered there yet
 
 
-# loads and slopes
+# surfaces and slopes
 
 
 def surface(c, nu, nl, u, l):  # noqa: E741
-    """(f, f_u, f_l, f_uu, f_ul, f_ll) of a load's coefficients, by Horner's rule in both speeds."""
+    """(f, f_u, f_l, f_uu, f_ul, f_ll) of a surface's coefficients, by Horner's rule in both coordinates."""
     f = fu = fuu = fl = ful = fll = 0.0
     for a in range(nu, -1, -1):
         r = rl = rll = 0.0
@@ -125,22 +137,24 @@ def value(c, nu, nl, u, l):  # noqa: E741
 
 
 def miss(p, s):
-    """The wrench still missing at x, and the power."""
+    """The wrench still missing at x."""
     m0, m1, m2, m3 = s.mu[0], s.mu[1], s.mu[2], s.mu[3]
-    power = 0.0
     for k in range(p.size):
         u, l = s.x[2 * k], s.x[2 * k + 1]  # noqa: E741
-        for n in range(4):
-            f, gain = value(p.load[k][n], p.upper_order, p.lower_order, u, l), p.gain[k][n]
+        for n in range(p.surfaces):
+            f, gain = value(p.surface[k][n], p.order_u, p.order_s, u, l), p.gain[k][n]
             m0 -= gain[0] * f
             m1 -= gain[1] * f
             m2 -= gain[2] * f
             m3 -= gain[3] * f
-            if n == UPPER_TORQUE:
-                power += f * u
-            elif n == LOWER_TORQUE:
-                power += f * l
     s.miss[0], s.miss[1], s.miss[2], s.miss[3] = m0, m1, m2, m3
+
+
+def cost(p, s):
+    """The power at x."""
+    power = 0.0
+    for k in range(p.size):
+        power += value(p.power[k], p.power_u, p.power_s, s.x[2 * k], s.x[2 * k + 1])
     s.power[0] = power
 
 
@@ -158,28 +172,16 @@ def expand_arm(p, s, k):
     by_u, by_l, left, price = s.jacobian[2 * k], s.jacobian[2 * k + 1], s.miss, s.price
     for j in range(4):
         by_u[j] = by_l[j] = 0.0
-    gu = gl = uu = ul = ll = 0.0
-    for n in range(4):
-        f, fu, fl, fuu, ful, fll = surface(p.load[k][n], p.upper_order, p.lower_order, u, l)
+    f, gu, gl, uu, ul, ll = surface(p.power[k], p.power_u, p.power_s, u, l)
+    for n in range(p.surfaces):
+        f, fu, fl, fuu, ful, fll = surface(p.surface[k][n], p.order_u, p.order_s, u, l)
         gain = p.gain[k][n]
-        weight = 0.0  # of the load in the Lagrangian
+        weight = 0.0  # of the surface in the Lagrangian
         for j in range(4):
             left[j] -= gain[j] * f
             by_u[j] += gain[j] * fu
             by_l[j] += gain[j] * fl
             weight -= gain[j] * price[j]
-        if n == UPPER_TORQUE:  # power f u
-            weight += u
-            gu += f + fu * u
-            gl += fl * u
-            uu += 2.0 * fu
-            ul += fl
-        elif n == LOWER_TORQUE:  # power f l
-            weight += l
-            gu += fu * l
-            gl += f + fl * l
-            ll += 2.0 * fl
-            ul += fu
         uu += weight * fuu
         ul += weight * ful
         ll += weight * fll
@@ -194,7 +196,8 @@ def expand_arm(p, s, k):
 
 
 def merit(p, s):
-    """Power plus the price of what is missing, of the last `miss`."""
+    """Power plus the price of what is missing, by the last `miss`."""
+    cost(p, s)
     total = s.power[0]
     for j in range(4):
         total += p.cap[j] * abs(s.miss[j])
@@ -679,45 +682,123 @@ def start(p, s):
             s.act[i] = -1
 
 
-def restart(p, s):
-    """The middle of the bounds, nothing held, nothing priced."""
+def stand(p, s, x):
+    """Stand at x, nothing held, nothing priced."""
     for i in range(2 * p.size):
-        s.x[i] = 0.5 * (p.lo[i] + p.hi[i])
+        s.x[i] = min(max(x[i], p.lo[i]), p.hi[i])
         s.act[i] = 0 if p.hi[i] > p.lo[i] else -1
     for j in range(4):
         s.price[j], s.gone[j] = 0.0, 0
 
 
-def optimum(p, s, limit):
-    """`solve` from where the last call stood; where that does not settle, the sure way from the middle.
+def stand_reduced(p, s):
+    """Stand where the reduced law would: squared speeds by its matrix, clipped."""
+    for k in range(p.size):
+        u = l = 0.0  # noqa: E741
+        for j in range(4):
+            u += p.squares[2 * k][j] * s.mu[j]
+            l += p.squares[2 * k + 1][j] * s.mu[j]  # noqa: E741
+        u, l = sqrt(max(u, 0.0)), sqrt(max(l, 0.0))  # noqa: E741
+        u = min(max(u, p.lo[2 * k]), p.hi[2 * k])
+        line = p.line[k]
+        least, most = line[0] + line[1] * u, line[2] + line[3] * u
+        s.step[2 * k], s.step[2 * k + 1] = u, (l - least) / (most - least) if most > least else 0.0
+    stand(p, s, s.step)
 
-    Returns (steps, negative when even that did not settle; active-set rounds). Whatever happens x is within
-    its bounds, and `miss` and `power` are those of x.
+
+def fault(p, s):
+    """How much is missed beyond what is no fault, dearest axis first, as a merit without the power."""
+    total = 0.0
+    for j in range(4):
+        total += p.cap[j] * max(abs(s.miss[j]) - p.within[0], 0.0)
+    return total
+
+
+def better(p, s, before):
+    """Keep x, whose miss is known, if its merit is below `before`; the least of both."""
+    here = merit(p, s)
+    if here < before:
+        for i in range(2 * p.size):
+            s.best[i] = s.x[i]
+        return here
+    return before
+
+
+def look_round(p, s, limit, before):
+    """The best of what several starts come to, each by the sure way: hover, the reduced law, both bounds.
+
+    `before` is the merit of the best so far, which is in `best`; ends there. Returns (steps, rounds, merit).
+    """
+    s.looks[0] += 1.0
+    steps = rounds = 0
+    for which in range(4):
+        if which == 0:
+            stand(p, s, p.home)
+        elif which == 1:
+            stand_reduced(p, s)
+            miss(p, s)
+            before = better(p, s, before)
+        elif which == 2:
+            stand(p, s, p.hi)
+        else:
+            stand(p, s, p.lo)
+        steps += abs(persist(p, s))
+        miss(p, s)
+        before = better(p, s, before)
+        more, turns = solve(p, s, limit)
+        steps, rounds = steps + abs(more), rounds + turns
+        before = better(p, s, before)
+        if fault(p, s) == 0.0 and more > 0 and which < 2:
+            break  # delivered: no start can deliver more
+    return steps, rounds, before
+
+
+def known(p, s):
+    """Whether the last look all round was made so near that it still holds."""
+    distance = 0.0
+    for j in range(4):
+        distance += abs(s.mu[j] - s.looked[j])
+    return s.looked[4] > 0.0 and distance < JUMP
+
+
+def optimum(p, s, limit):
+    """`settled`, and the power of what it came to."""
+    found = settled(p, s, limit)
+    cost(p, s)
+    return found
+
+
+def settled(p, s, limit):
+    """`solve` from where the last call stood; where that does not settle or misses, a look all round.
+
+    Returns (steps, negative when nothing settled; active-set rounds). Whatever happens x is in its bounds,
+    `miss` is that of x, and it is no more than the reduced law's.
     """
     start(p, s)
     steps, rounds = solve(p, s, limit)
-    if steps > 0:
+    if steps > 0 and (fault(p, s) == 0.0 or known(p, s)):
         return steps, rounds
-    spent = -steps
-    # a jump back into reach: the middle serves better than the far edge that the last call stood at
-    restart(p, s)
-    steps, rounds = solve(p, s, limit)
-    if steps > 0 and given_up(s) == 0:
-        return spent + steps, rounds
+    spent, before = abs(steps), better(p, s, 1e300)
+    stand(p, s, p.home)
+    steps, more = solve(p, s, limit)
+    rounds += more
     spent += abs(steps)
-    restart(p, s)
-    sure = persist(p, s)
-    miss(p, s)
-    before = merit(p, s)
+    if steps > 0 and fault(p, s) == 0.0:
+        return spent, rounds
+    before = better(p, s, before)
+    steps, more, before = look_round(p, s, limit, before)
+    for j in range(4):
+        s.looked[j] = s.mu[j]
+    s.looked[4] = 1.0
+    # active set and prices of the best, for the next call
+    stand(p, s, s.best)
+    last, turns = solve(p, s, limit)
+    after = better(p, s, before)
     for i in range(2 * p.size):
-        s.kept[i] = s.x[i]
-    steps, rounds = solve(p, s, limit)
-    if merit(p, s) > before + 1e-11 or steps < 0:
-        for i in range(2 * p.size):
-            s.x[i] = s.kept[i]
-        miss(p, s)
-        return spent + sure if sure > 0 else sure - spent, rounds
-    return spent + abs(sure) + steps, rounds
+        s.x[i] = s.best[i]
+    miss(p, s)
+    spent, rounds = spent + steps + abs(last), rounds + more + turns
+    return (spent if last > 0 or after < before + 1e-11 else -spent), rounds
 
 
 def batch(p, s, limit, demands, speeds):
