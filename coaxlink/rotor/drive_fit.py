@@ -2,8 +2,8 @@
 
     throttle V / V_ref = c_0 + c_1 n + c_2 n^2 (+ c_3 n^3) + (r + s n) Q        (`rotor.drive`)
 
-by robust least squares over the rows in which the motor drives its rotor: one that the wake turns runs free of
-its ESC. Full throttle is where the rotors would turn at throttle 1, each with its own torque there.
+by robust least squares over the rows in which the motor drives its rotor: one that the wake turns runs free
+of its ESC. Full throttle is where the rotors would turn at throttle 1, each with its own torque there.
 """
 
 from __future__ import annotations

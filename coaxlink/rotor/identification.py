@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from coaxlink import files
@@ -24,6 +23,7 @@ from coaxlink.rotor.fit import (
     Array,
     LoadFit,
     Options,
+    fit_all_terms,
     fit_shared,
     least_squares,
     load_terms,
@@ -32,9 +32,10 @@ from coaxlink.rotor.fit import (
 )
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.pair_sum import OPEN, is_pair, of_each_rotor
+from coaxlink.rotor.physics import Held, held_to_physics, physics_notes, windmilling_ratio
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.power_only import with_torque_of_power
-from coaxlink.rotor.selection import fit_load
+from coaxlink.rotor.selection import Selection
 from coaxlink.rotor.stand_data import COAXIAL, StandData, Values, stand_data, unit_of
 from coaxlink.rotor.uncertainty import (
     NORMALISER,
@@ -162,10 +163,18 @@ def identify(
 
 def _identified(data: StandData, form: str, options: Options, compare: bool) -> Identification:
     tried = [f for f in FORMS if compare or form in (f, "auto")]
-    predicted = {name: _held_out(name, data, options) for name in tried}
+    selections = {}
+    if "crm" in tried:
+        selections = {load: Selection(data.rows(load), options) for load in data.measured}
+    predicted = {name: _held_out(name, data, selections) for name in tried}
     comparison = {name: _channel_errors(data, values) for name, values in predicted.items()}
     chosen = _simplest(data, predicted) if form == "auto" else form
-    fits = fit_form(chosen, data, None, options)
+    fits = _fit_form(chosen, data, None, selections)
+    held: dict[str, Held] = {}
+    if chosen == "crm":
+        ratio = windmilling_ratio(data)
+        held = {load: held_to_physics(Load.of(load), f, data.rows(load), ratio) for load, f in fits.items()}
+        fits = {load: h.fit for load, h in held.items()}
     residuals = _scatter(data, options)
     model = RotorModel.from_terms(
         chosen,
@@ -190,18 +199,22 @@ def _identified(data: StandData, form: str, options: Options, compare: bool) -> 
         notes=(
             *data.samples.notes,
             *_notes(data, _reason(chosen, comparison) if form == "auto" else None),
+            *physics_notes(held),
         ),
     )
     return replace(result, model=replace(model, identified=_provenance(result)))
 
 
-def fit_form(
-    form: str, data: StandData, among: NDArray[np.bool_] | None, options: Options
+def _fit_form(
+    form: str, data: StandData, without: int | None, selections: Mapping[str, Selection]
 ) -> dict[str, LoadFit]:
-    """Every measured load of a form fitted on all rows, or on those of a mask (rows,)."""
+    """Every measured load of a form fitted on all rows, or on those outside a fold."""
+    if form == "crm":
+        return {load: selection.fit(without) for load, selection in selections.items()}
+    among = None if without is None else data.fold != without
     rows = {load: data.rows(load, among) for load in data.measured}
     if form != "srm":
-        return {load: fit_load(form, of_load, options) for load, of_load in rows.items()}
+        return {load: fit_all_terms(form, of_load) for load, of_load in rows.items()}
     fits: dict[str, LoadFit] = {}
     for load in rows:
         if load not in fits:
@@ -210,12 +223,12 @@ def fit_form(
     return fits
 
 
-def _held_out(form: str, data: StandData, options: Options) -> Values:
+def _held_out(form: str, data: StandData, selections: Mapping[str, Selection]) -> Values:
     """Predictions of each row by a model that has not seen its block."""
     predicted = {load: np.full(data.samples.rows, np.nan) for load in LOADS}
     for number in np.unique(data.fold):
         out = data.fold == number
-        for load, fit in fit_form(form, data, ~out, options).items():
+        for load, fit in _fit_form(form, data, int(number), selections).items():
             predicted[load][out] = fit.predict(data.speeds.upper[out], data.speeds.lower[out])
     return predicted
 

@@ -71,6 +71,10 @@ class LoadRows:
         """(n, terms)."""
         return design_matrix(terms, self.upper, self.lower)
 
+    def among(self, kept: NDArray[np.bool_]) -> LoadRows:
+        """Those of a mask (n,)."""
+        return LoadRows(self.load, self.upper[kept], self.lower[kept], self.y[kept], self.fold[kept])
+
 
 @dataclass(frozen=True)
 class StandData:
