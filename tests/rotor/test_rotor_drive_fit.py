@@ -41,7 +41,14 @@ def test_few_rows_or_one_level_tell_no_drive():
     assert not drive_fits(Samples({"upper_throttle": one, "upper_rpm": 4000 * one}, "rig"))
 
 
-KV, OHM, FRICTION, SUPPLY, SOURCE, IDLE_A = 42.0, 0.09, 0.006, 22.4, 0.02, 0.15  # rad/s/V, ohm, N m, V, ohm, A
+KV, OHM, FRICTION, SUPPLY, SOURCE, IDLE_A = (
+    42.0,
+    0.09,
+    0.006,
+    22.4,
+    0.02,
+    0.15,
+)  # rad/s/V, ohm, N m, V, ohm, A
 
 
 def motors(seed=1, amps_scale=1.0):
@@ -59,7 +66,9 @@ def motors(seed=1, amps_scale=1.0):
             speed += 8.0 * np.clip(current / KV - torque - FRICTION, -0.5, 0.5)
             np.maximum(speed, 0.0, out=speed)
             drawn[k] = np.maximum(current, 0.0) * duty
-    for side, duty, speed, torque, amps in zip(("upper", "lower"), (t, s), (w, v), torques, drawn, strict=True):
+    for side, duty, speed, torque, amps in zip(
+        ("upper", "lower"), (t, s), (w, v), torques, drawn, strict=True
+    ):
         columns |= {
             f"{side}_throttle": duty,
             f"{side}_rpm": speed * 30 / np.pi + 4.0 * random.standard_normal(100),
