@@ -95,7 +95,6 @@ def sim(
             return
         from sim.world import World, build, build_bridge, open_links
 
-        _say_bent(airframe or files.example("x8_demo.toml"), rotor)
         world = World(
             airframe or files.example("x8_demo.toml"),
             rotor,
@@ -130,15 +129,6 @@ def sim(
         finally:
             for port in ports:
                 port.close()
-
-
-def _say_bent(airframe: Path, rotor: Path | None) -> None:
-    """Motors of the world turn as commanded, whatever the stand's did. Raises WorldError."""
-    from sim.vehicle import read_vehicle
-
-    file = rotor or read_vehicle(airframe).rotor_file
-    if file and file.is_file() and "rpm_over_throttle" in file.read_text(errors="replace"):
-        say(f"{file}: rpm_over_throttle is left out: the world's motors turn as commanded")
 
 
 def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:

@@ -2,7 +2,8 @@
 """What air and ground do to a vehicle: loads of every rotor in still and in moving air, summed on the body.
 
 `w` is the scratch of `layout`, a column a rotor; `f` induced flows; `pairs` (P, 2) the upper (or single)
-rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients, empty where rotors are `blades`.
+rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients or (8, n, n) tables (`tabled_pair`),
+empty where rotors are `blades`.
 """
 
 from __future__ import annotations
@@ -30,6 +31,30 @@ def surfaces(c, u, v):
 
 
 @inlined
+def looked_up(c, first, x, y):
+    """Tables `first` and the next of c (8, n, n) at x, y of their axes, 0 .. REACH."""
+    n = c.shape[1] - 1
+    a, b = min(max(x, 0.0) * n / at.REACH, n - 1e-9), min(max(y, 0.0) * n / at.REACH, n - 1e-9)
+    i, j = int(a), int(b)
+    f, g = a - i, b - j
+    one = (c[first, i, j] * (1.0 - g) + c[first, i, j + 1] * g) * (1.0 - f)
+    one += (c[first, i + 1, j] * (1.0 - g) + c[first, i + 1, j + 1] * g) * f
+    two = (c[first + 1, i, j] * (1.0 - g) + c[first + 1, i, j + 1] * g) * (1.0 - f)
+    two += (c[first + 1, i + 1, j] * (1.0 - g) + c[first + 1, i + 1, j + 1] * g) * f
+    return one, two
+
+
+@inlined
+def still(poly, u, v):
+    """Loads of a pair at its speeds: of coefficients, or of tables."""
+    if poly.shape[0] == 4:
+        return surfaces(poly, u, v)
+    thrust, torque = looked_up(poly, 0, u, v)
+    thrust_low, torque_low = looked_up(poly, 2, u, v)
+    return thrust, torque, thrust_low, torque_low
+
+
+@inlined
 def spin(w, p, geo, pairs, poly, blades):
     """What speeds alone decide: thrust (N) and torque (N m) in still air; of blades lift and profile drag."""
     for k in range(len(pairs)):
@@ -41,7 +66,7 @@ def spin(w, p, geo, pairs, poly, blades):
             if j >= 0:
                 w[at.W_STILL, j], w[at.W_STILL_Q, j] = air.spun(v, blades)
             continue
-        thrust, torque, thrust_low, torque_low = surfaces(poly, u, v)
+        thrust, torque, thrust_low, torque_low = still(poly, u, v)
         w[at.W_STILL, i] = thrust * geo[at.G_THRUST, i] * p[at.AIR]
         w[at.W_STILL_Q, i] = torque * geo[at.G_TORQUE, i] * p[at.AIR]
         if j >= 0:

@@ -67,7 +67,7 @@ class ExactLaw:
         compiled: bool | None = False,
     ) -> None:
         self.arms, self.units = scaled(vehicle, low=low, high=high, failed=failed, priority=priority)
-        self._optimum, self._batch = _functions(compiled)
+        self._optimum = _function(compiled)
         self.compiled = self._optimum is not solver.optimum
         self._ranks = [
             (int(o), 1.0 / float(s)) for o, s in zip(self.units.order, self.units.scale, strict=True)
@@ -79,9 +79,21 @@ class ExactLaw:
 
     def _settle_home(self) -> None:
         """Find where the vehicle hovers: what calls begin from."""
-        self.solve([self._weight, 0.0, 0.0, 0.0])
-        self.hover_miss_N = float(self.certificate.miss[0])
-        self.arms.home[:] = self._state.x
+        arms, state = as_lists(self.arms), as_lists(standing(self.arms))
+        for j, (axis, inverse) in enumerate(self._ranks):
+            state.mu[j] = self._weight * inverse if axis == 0 else 0.0
+        before = 1e300
+        for which in range(solver.STARTS):
+            solver.stand_at(arms, state, which)
+            solver.persist(arms, state)
+            solver.solve(arms, state, STEPS)
+            solver.miss(arms, state)
+            before = solver.better(arms, state, before)
+        state.x[:] = state.best
+        self.arms.home[:] = state.best
+        solver.miss(arms, state)
+        rank = next(j for j, (axis, _) in enumerate(self._ranks) if axis == 0)
+        self.hover_miss_N = float(state.miss[rank]) / self._ranks[rank][1]
         self.reset()
 
     def reset(self) -> None:
@@ -122,16 +134,7 @@ class ExactLaw:
         demands = np.atleast_2d(np.asarray(wrenches, float))
         if demands.shape[1:] != (4,) or not np.isfinite(demands).all():
             raise InputError("wrenches", "", f"finite rows of {', '.join(AXES)} expected")
-        ranked = np.clip(demands[:, self.units.order] / self.units.scale, -FAR, FAR)
-        speeds: Any = np.zeros((len(demands), 2 * self.arms.size))
-        if not self.compiled:
-            ranked, speeds = ranked.tolist(), speeds.tolist()
-        self._batch(self._arms, self._state, STEPS, ranked, speeds)
-        x = np.asarray(speeds, float).reshape(len(demands), -1, 2)
-        a, b, c, d = self.arms.line.T
-        low = a + b * x[..., 0]
-        x[..., 1] = low + (c + d * x[..., 0] - low) * x[..., 1]
-        return x.reshape(len(demands), -1)[:, self.units.slots]
+        return np.array([self.plain(wrench) for wrench in demands.tolist()])
 
     @property
     def certificate(self) -> Certificate:
@@ -157,15 +160,15 @@ def as_lists(arrays: Any) -> Any:
     return type(arrays)(*(a.tolist() if isinstance(a, np.ndarray) else a for a in arrays))
 
 
-def _functions(compiled: bool | None) -> tuple[Any, Any]:
-    """`solver.optimum` and `solver.batch`, compiled or as they are."""
+def _function(compiled: bool | None) -> Any:
+    """`solver.optimum`, compiled or as it is."""
     if compiled is False:
-        return solver.optimum, solver.batch
+        return solver.optimum
     try:
-        from coaxlink.mixer.exact.compiled import functions
+        from coaxlink.mixer.exact.compiled import function
 
-        return functions()
+        return function()
     except ImportError as error:
         if compiled:
             raise InputError("exact", "compiled", "numba is not installed") from error
-        return solver.optimum, solver.batch
+        return solver.optimum

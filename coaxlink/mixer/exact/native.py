@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coaxlink.mixer.demands import demand_units, law_commands
 from coaxlink.mixer.edge import POWERS, STRAIGHT, Edge
 from coaxlink.mixer.exact.arms import standing
-from coaxlink.mixer.exact.compiled import functions, kept_code
+from coaxlink.mixer.exact.compiled import function, kept_code
 from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw
 from coaxlink.mixer.exact.solver import Arms, State
 from coaxlink.vehicle import Vehicle
@@ -83,7 +83,7 @@ def _function() -> Any:
     from numba import carray, types
     from numba.extending import intrinsic
 
-    optimum, _ = functions()
+    optimum = function()
 
     def pointer_to(kind):
         @intrinsic

@@ -97,6 +97,9 @@ MISS_DONE = 1e-9  # of the vehicle's authority: what corrections must reach
 CORRECTIONS = 3  # that reuse one factor
 SETTLING, GRACE = 0.1, 3  # a step this small at the limit earns a few more: it shrinks by its square
 PERSIST = 60  # steps inside a trust region
+# stages of a call: from the last solution, from hover, from STARTS all round, from the best of them
+NEAR, HOME, STARTS = 0, 1, 4
+AGAIN = HOME + STARTS + 1
 # remembered: the last call; the solutions that stood before the last jump out of reach, and before that back
 LAST, WITHIN, BEYOND = 0, 1, 2
 JUMP = 0.02  # of the vehicle's authority, all axes together: more is no smooth motion
@@ -724,33 +727,32 @@ def better(p, s, before):
     return before
 
 
-def look_round(p, s, limit, before):
-    """The best of what several starts come to, each by the sure way: hover, the reduced law, both bounds.
+def keep_working(p, s):
+    """Keep the active set and the prices of x, which is in `best`."""
+    for j in range(4):
+        s.old_price[LAST][j], s.old_gone[LAST][j] = s.price[j], s.gone[j]
+    for i in range(2 * p.size):
+        s.old_act[LAST][i] = s.act[i]
 
-    `before` is the merit of the best so far, which is in `best`; ends there. Returns (steps, rounds, merit).
-    """
-    s.looks[0] += 1.0
-    steps = rounds = 0
-    for which in range(4):
-        if which == 0:
-            stand(p, s, p.home)
-        elif which == 1:
-            stand_reduced(p, s)
-            miss(p, s)
-            before = better(p, s, before)
-        elif which == 2:
-            stand(p, s, p.hi)
-        else:
-            stand(p, s, p.lo)
-        steps += abs(persist(p, s))
-        miss(p, s)
-        before = better(p, s, before)
-        more, turns = solve(p, s, limit)
-        steps, rounds = steps + abs(more), rounds + turns
-        before = better(p, s, before)
-        if fault(p, s) == 0.0 and more > 0 and which < 2:
-            break  # delivered: no start can deliver more
-    return steps, rounds, before
+
+def work_again(p, s):
+    """Stand at `best` as `keep_working` left it."""
+    for j in range(4):
+        s.price[j], s.gone[j] = s.old_price[LAST][j], s.old_gone[LAST][j]
+    for i in range(2 * p.size):
+        s.x[i], s.act[i] = s.best[i], s.old_act[LAST][i]
+
+
+def stand_at(p, s, which):
+    """Where a look all round starts: hover, the reduced law's answer, both bounds."""
+    if which == 0:
+        stand(p, s, p.home)
+    elif which == 1:
+        stand_reduced(p, s)
+    elif which == 2:
+        stand(p, s, p.hi)
+    else:
+        stand(p, s, p.lo)
 
 
 def known(p, s):
@@ -769,43 +771,52 @@ def optimum(p, s, limit):
 
 
 def settled(p, s, limit):
-    """`solve` from where the last call stood; where that does not settle or misses, a look all round.
+    """`solve` from where the last call stood; after a jump from hover too; what misses, from all round.
 
     Returns (steps, negative when nothing settled; active-set rounds). Whatever happens x is in its bounds,
     `miss` is that of x, and it is no more than the reduced law's.
     """
     start(p, s)
-    steps, rounds = solve(p, s, limit)
-    if steps > 0 and (fault(p, s) == 0.0 or known(p, s)):
-        return steps, rounds
-    spent, before = abs(steps), better(p, s, 1e300)
-    stand(p, s, p.home)
-    steps, more = solve(p, s, limit)
-    rounds += more
-    spent += abs(steps)
-    if steps > 0 and fault(p, s) == 0.0:
-        return spent, rounds
-    before = better(p, s, before)
-    steps, more, before = look_round(p, s, limit, before)
+    spent = rounds = steps = 0
+    before, delivered, enough = 1e300, False, False
+    for stage in range(AGAIN + 1):
+        if enough and stage < AGAIN:
+            continue
+        if stage == HOME:
+            stand(p, s, p.home)
+        elif HOME < stage < AGAIN:
+            s.looks[0] += 1.0 if stage == HOME + 1 else 0.0
+            stand_at(p, s, stage - HOME - 1)
+            miss(p, s)
+            before = better(p, s, before)
+            spent += abs(persist(p, s))
+            miss(p, s)
+            before = better(p, s, before)
+        elif stage == AGAIN:  # active set and prices of the best, for the next call
+            stand(p, s, s.best)
+        steps, more = solve(p, s, limit)
+        spent, rounds = spent + abs(steps), rounds + more
+        sound = steps > 0 and fault(p, s) == 0.0
+        if stage == NEAR:
+            if (sound and s.smooth[0] > 0.0) or (steps > 0 and known(p, s)):
+                return spent, rounds
+            delivered, before = sound, better(p, s, before)
+            keep_working(p, s)
+        elif stage == HOME and delivered:
+            # after a jump the same wrench may be had at less power near hover
+            if steps < 0 or better(p, s, before) == before:
+                work_again(p, s)
+                miss(p, s)
+            return spent, rounds
+        elif stage == HOME and sound:
+            return spent, rounds
+        else:
+            before = better(p, s, before)
+            enough = enough or (sound and stage <= HOME + 2)  # delivered: no other start can deliver more
     for j in range(4):
         s.looked[j] = s.mu[j]
     s.looked[4] = 1.0
-    # active set and prices of the best, for the next call
-    stand(p, s, s.best)
-    last, turns = solve(p, s, limit)
-    after = better(p, s, before)
     for i in range(2 * p.size):
         s.x[i] = s.best[i]
     miss(p, s)
-    spent, rounds = spent + steps + abs(last), rounds + more + turns
-    return (spent if last > 0 or after < before + 1e-11 else -spent), rounds
-
-
-def batch(p, s, limit, demands, speeds):
-    """`optimum` for each row of `demands` (rows, 4), warm-started by the row before; speeds (rows, 2K)."""
-    for row in range(len(demands)):
-        for j in range(4):
-            s.mu[j] = demands[row][j]
-        optimum(p, s, limit)
-        for i in range(2 * p.size):
-            speeds[row][i] = s.x[i]
+    return spent, rounds

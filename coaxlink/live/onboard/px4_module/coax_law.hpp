@@ -169,7 +169,8 @@ public:
 	bool solve_near(const Real demand[4])
 	{
 		begin(demand);
-		settled = settle(false) && !state.gone[0] && !state.gone[1] && !state.gone[2] && (!faulty() || known());
+		settled = settle(false) && !state.gone[0] && !state.gone[1] && !state.gone[2];
+		settled = settled && ((!faulty() && state.smooth > Real(0)) || known());
 		finish();
 		return settled;
 	}
@@ -1001,17 +1002,36 @@ private:
 		return _looked_at < NEVER && distance < JUMP;
 	}
 
-	// keep x, whose miss is known, if it is better than the best so far at this demand
-	void keep(bool first)
+	// keep x, whose miss is known, if it is better than the best so far at this demand; whether it is
+	bool keep(bool first)
 	{
 		if (!first) {
 			Real left[4], power;
 			missing(_best, left, power);
 
-			if (worth(left, power, miss, _power) < Real(0)) { return; }
+			if (worth(left, power, miss, _power) < Real(0)) { return false; }
 		}
 
 		for (int i = 0; i < N; i++) { _best[i] = state.x[i]; }
+
+		return true;
+	}
+
+	// the active set and the prices of the best, and back to it
+	void keep_working()
+	{
+		for (int j = 0; j < 4; j++) { state.old_price[LAST][j] = state.price[j]; state.old_gone[LAST][j] = state.gone[j]; }
+
+		for (int i = 0; i < N; i++) { state.old_act[LAST][i] = state.act[i]; }
+	}
+
+	void work_again()
+	{
+		for (int j = 0; j < 4; j++) { state.price[j] = state.old_price[LAST][j]; state.gone[j] = state.old_gone[LAST][j]; }
+
+		for (int i = 0; i < N; i++) { state.x[i] = _best[i]; state.act[i] = state.old_act[LAST][i]; }
+
+		fresh_miss();
 	}
 
 	// hover, the reduced mixer's answer, both bounds
@@ -1040,20 +1060,29 @@ private:
 	{
 		if (_stage == CLOSE) {
 			const bool near = settle(true);
+			_delivered = near && !faulty();
 
-			if (near && (!faulty() || known())) { return true; }
+			if ((_delivered && state.smooth > Real(0)) || (near && known())) { return true; }
 
 			fresh_miss();
 			keep(true);
+			keep_working();
 			_stage = MIDDLE;
 		}
 
 		if (_stage == MIDDLE && !spent()) {
 			stand(_vehicle.home);
-
-			if (settle(true) && !faulty()) { return done(); }
-
+			const bool there = settle(true);
 			fresh_miss();
+
+			if (_delivered) {  // after a jump: the same wrench may be had at less power near hover
+				if (!there || faulty() || !keep(false)) { work_again(); }
+
+				return done();
+			}
+
+			if (there && !faulty()) { return done(); }
+
 			keep(false);
 			_start = 0;
 			looks++;
@@ -1155,6 +1184,7 @@ private:
 	Real _lo[N] {}, _hi[N] {};
 	Real _power = 0, _radius = 0;
 	int _stage = CLOSE, _left = 0, _start = 0;
+	bool _delivered = false;
 	Real _answer[N] {}, _best[N] {}, _looked[4] {}, _looked_at = NEVER;
 	Real _slope[N] {}, _jacobian[N][4] {}, _hessian[K][3] {};
 	Real _own[N] {}, _reply[N][4] {}, _step[N] {};
