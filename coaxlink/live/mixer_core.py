@@ -227,7 +227,7 @@ class MixCore:
         return self._missed(wanted, self._reduced(wanted)) < (1.0 - BETTER) * missed
 
     def _missed(self, wanted: Sequence[float], speeds: Sequence[float]) -> float:
-        """Largest share of what an axis misses, of the weight and of the moments that go with it; yaw counts least."""
+        """Largest miss of an axis, of the weight or of weight x arm; yaw counts a tenth."""
         got = self.rotors.plain_wrench(speeds)
         return max(abs(g - w) * u for g, w, u in zip(got, wanted, self._per_axis, strict=True))
 

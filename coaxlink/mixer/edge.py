@@ -1,7 +1,7 @@
-"""From speeds to what motors are told, as plain numbers: for the live loop, compiled flights and the PX4 module.
+"""From speeds to what motors are told, as plain numbers: for the live loop, compiled flights, PX4's module.
 
-The same as `Vehicle.commanded`, one point at a time: the nominal speed of a true one (effects of the drive), then
-the command that holds it (`rotor.drive`). Everything before this edge knows speeds alone.
+The same as `Vehicle.commanded`, one point at a time: the nominal speed of a true one (effects of the drive),
+then the command that holds it (`rotor.drive`). Everything before this edge knows speeds alone.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ Over both speeds, the lower rotor above the speed at which the wake would turn i
     torques                     are not negative
 
 Polynomials chosen by their errors on rows bend where there are none: between rest and the slowest row, and
-from the fastest to full throttle. Where they do, the same terms and those of their order are fitted again by a
-quadratic programme (cvxpy), unless the rows contradict it.
+from the fastest to full throttle. Where they do, the same terms and those of their order are fitted again by
+a quadratic programme (cvxpy), unless the rows contradict it.
 """
 
 from __future__ import annotations

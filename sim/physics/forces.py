@@ -2,8 +2,8 @@
 """What air and ground do to a vehicle: loads of every rotor in still and in moving air, summed on the body.
 
 `w` is the scratch of `layout`, a column a rotor; `f` induced flows; `pairs` (P, 2) the upper (or single)
-rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients or (8, n, n) tables (`tabled_pair`),
-empty where rotors are `blades`.
+rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients or (8, n, n) tables
+(`tabled_pair`), empty where rotors are `blades`.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class Pair:
         return None
 
     @property
-    def reference_V(self) -> float | None:
+    def reference_V(self) -> float | None:  # noqa: N802
         """Supply at which commands mean what they mean; None: any."""
         return None
 

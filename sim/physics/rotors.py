@@ -21,8 +21,8 @@ SURFACES = (("upper", "thrust_N"), ("upper", "torque_Nm"), ("lower", "thrust_N")
 
 
 def read_pair(path: Path) -> Pair:
-    """Read a rotor file, of surfaces (`rotor_paper.toml` shows the format) or of blades (`pairs/*.toml`); or a
-    raw stand map, a CSV.
+    """Read a rotor file, of surfaces (`rotor_paper.toml` shows the format) or of blades (`pairs/*.toml`), or
+    a raw stand map (CSV).
 
     A name without a file is looked up among the world's own pairs. Raises WorldError.
     """

@@ -1,8 +1,9 @@
 """A pair as tables: of a raw stand map by interpolation of its rows, or of surfaces with a drive.
 
-Eight tables over two axes, 0 .. REACH: thrust and torque of both rotors over both *speeds*, speeds of both over
-both *commands* (at the reference supply), watts of both over both speeds. Between points the kernel goes straight.
-Nothing here is fitted by a form: the rows are joined by thin plates, brought to rest below the slowest.
+Eight tables over two axes, 0 .. REACH: thrust and torque of both rotors over both *speeds*, speeds of both
+over both *commands* (at the reference supply), watts of both over both speeds. Between points the kernel goes
+straight. Nothing here is fitted by a form: the rows are joined by thin plates, brought to rest below the
+slowest.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 Watts = Callable[[Array, Array], tuple[Array, Array]]
 POINTS = 101  # of every axis
 THRUST, TORQUE, LOW_THRUST, LOW_TORQUE, SPEED, LOW_SPEED, WATTS, LOW_WATTS = range(8)
-GRAM_N, RPM_AT_REST = 9.80665e-3, 1.0
+GRAM_N, RPM_AT_REST, OFF = 9.80665e-3, 1.0, 0.02
 CELL_V = 3.72  # of a lithium cell under load, half empty
 LEAST_ROWS = 20
 STIFF = 1e-6  # of the plates, of the values' own size: rows are kept to a hundredth of their noise
@@ -43,7 +44,7 @@ class TabledPair(Pair):
     radius: float = 0.235
 
     @property
-    def reference_V(self) -> float | None:
+    def reference_V(self) -> float | None:  # noqa: N802
         """Supply at which commands mean what they mean; None: any."""
         return self.supply_V
 
@@ -95,11 +96,12 @@ NEEDED = ("throttle", "rpm", "thrust_N", "torque_Nm")
 def map_pair(path: Path) -> TabledPair:
     """The pair of a stand map: a CSV of steady rows, each with both throttles and both rotors' readings.
 
-    Columns as coaxlink's own (`upper_throttle`, `lower_thrust_N`, ...; `voltage_V` or one a side) or as the platform
-    of Buzzatto and Liarokapis writes them, left for upper. Raises WorldError.
+    Columns as coaxlink's own (`upper_throttle`, `lower_thrust_N`, ...; `voltage_V` or one a side) or as the
+    platform of Buzzatto and Liarokapis writes them, left for upper. Raises WorldError.
     """
     upper, lower = _sides(path)
-    turning = [side["rpm"] > RPM_AT_REST for side in (upper, lower)]
+    # at no throttle a rotor only runs down
+    turning = [(side["rpm"] > RPM_AT_REST) & (side["throttle"] > OFF) for side in (upper, lower)]
     rows = turning[0] & turning[1]
     if rows.sum() < LEAST_ROWS:
         problem = f"{rows.sum()} rows in which both rotors turn; {LEAST_ROWS} at least make a map"
@@ -124,15 +126,13 @@ def map_pair(path: Path) -> TabledPair:
     fastest, most = speeds.max(axis=0) * 1.02, over.max(axis=0) * 1.02
     for k, side in enumerate(sides):
         for t, values in ((2 * k, side["thrust_N"]), (2 * k + 1, side["torque_Nm"])):
-            tables[t] = _to_rest(_plate(speeds, values), grid, slowest, fastest, square=True)
+            tables[t] = _to_rest(_plate(speeds, values), grid, slowest, fastest)
         tables[SPEED + k] = _straight(rpm[k], grid, least, most, k) / top
         shaft = side["torque_Nm"] * side["rpm"] * math.pi / 30.0
         drawn = shaft / EFFICIENCY
         if "voltage_V" in side and "current_A" in side:
             drawn = side["voltage_V"] * side["current_A"]
-        tables[WATTS + k] = np.maximum(
-            _to_rest(_plate(speeds, drawn), grid, slowest, fastest, square=True), 0.0
-        )
+        tables[WATTS + k] = np.maximum(_to_rest(_plate(speeds, drawn), grid, slowest, fastest), 0.0)
     return TabledPair(top, np.zeros((4, 1, 1)), tables, reference)
 
 
@@ -179,10 +179,8 @@ def _plate(x: Array, y: Array) -> Callable[[Array], Array]:
     return lambda at: np.asarray(found(at.reshape(-1, 2))).reshape(at.shape[:-1])
 
 
-def _to_rest(
-    plate: Callable[[Array], Array], grid: Array, slowest: Array, fastest: Array, *, square: bool
-) -> Array:
-    """A load over speeds: by the rows where they are; to nothing at rest and on beyond them with the square."""
+def _to_rest(plate: Callable[[Array], Array], grid: Array, slowest: Array, fastest: Array) -> Array:
+    """A load over speeds: by the rows where they are; to rest and beyond them with the square."""
     inside = np.clip(grid, slowest, fastest)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(inside > 0, grid / inside, 0.0)
@@ -190,7 +188,7 @@ def _to_rest(
 
 
 def _straight(plate: Callable[[Array], Array], grid: Array, least: Array, most: Array, side: int) -> Array:
-    """A speed over commands: straight from rest to the least command, and on beyond the last with its slope."""
+    """A speed over commands: straight from rest to the least, and on beyond the last with its slope."""
     inside = np.clip(grid, least, most)
     found = plate(inside)
     below = np.where(grid[..., side] < least[side], grid[..., side] / max(least[side], 1e-9), 1.0)
@@ -207,7 +205,7 @@ POWER_KEYS = ("constant", "per_rad_s", "per_rad_s2", "per_Nm2", "shaft", "error"
 
 
 def driven_pair(path: Path, pair: Pair, document: dict[str, Any]) -> Pair:
-    """The pair with the drive and the battery watts of its file (docs/stand.md); as it is where it has neither.
+    """The pair with the drive and the battery watts of its file (docs/stand.md), where it has them.
 
     Raises WorldError.
     """

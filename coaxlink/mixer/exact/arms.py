@@ -4,10 +4,10 @@ Coordinates of an arm are u, its upper rotor's speed, and s in 0 .. 1, which pla
 
     v = low(u) + (high(u) - low(u)) s,    low(u) = a + b u,   high(u) = c + d u
 
-`high` is what the lower rotor turns at its greatest command, a little more where the wake takes torque off it;
-`low` what it turns at its least command, or the speed at which the wake would turn it: below, its thrust falls
-as it speeds up (real pairs pull down by 2 to 6 N there), and its ESC drives nothing. Polynomials in both speeds
-stay polynomials in u and s.
+`high` is what the lower rotor turns at its greatest command, a little more where the wake takes torque off
+it; `low` what it turns at its least command, or the speed at which the wake would turn it: below, its thrust
+falls as it speeds up (real pairs pull down by 2 to 6 N there), and its ESC drives nothing. Polynomials in
+both speeds stay polynomials in u and s.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@
 
 u are speeds, rpm over the rotor file's speed_max_rpm; what motors are told for them is the vehicle's to say
 (`Vehicle.commanded`). Where no speeds do, axes are given up in strict order of priority (see `exact.solver`).
-Beyond Berra, Trujillo and Heredia 2024: eq. 13 is solved for all rotors at once, with the power of eq. 5 as the
-choice among them.
+Beyond Berra, Trujillo and Heredia 2024: eq. 13 is solved for all rotors at once, with the power of eq. 5 as
+the choice among them.
 """
 
 from __future__ import annotations

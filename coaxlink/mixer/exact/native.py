@@ -22,8 +22,8 @@ from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw
 from coaxlink.mixer.exact.solver import Arms, State
 from coaxlink.vehicle import Vehicle
 
-# the book: the numbers of Arms, terms of a surface and of a power, rotors, shape of a torque; then addresses of the
-# arrays of Arms and of State, of the units of a demand, of the slots, of what speeds are told by
+# the book: the numbers of Arms, terms of a surface and of a power, rotors, shape of a torque; then addresses
+# of the arrays of Arms and of State, of the units of a demand, of the slots, of what speeds are told by
 FIRST = Arms._fields.index("surface")  # before it stand numbers
 SIZES, ARRAYS = 11, len(Arms._fields) - FIRST + len(State._fields)
 BOOK = SIZES + ARRAYS + 3
@@ -64,7 +64,7 @@ class NativeExact:
 
 
 def _edge_numbers(edge: Edge) -> tuple[NDArray[np.float64], tuple[int, int]]:
-    """[driven, nominal (POWERS), of both drives: command (POWERS), per torque (2), least, torque (A, B)], (A, B)."""
+    """[driven, nominal (POWERS), of both drives: command (POWERS), per torque (2), least, torque], shape."""
     drives = edge.drives or (STRAIGHT, STRAIGHT)
     torques = [np.array(drive.torque.coefficients) for drive in drives]
     rows, columns = (max(t.shape[i] for t in torques) for i in (0, 1))

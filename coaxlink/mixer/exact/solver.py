@@ -10,8 +10,8 @@ with strict priorities when no x delivers mu: axis j may be missed at the price 
 hundredfold apart (an exact penalty), so a lower axis is given up before a higher one is touched.
 
 Sequential quadratic programming, warm-started. Read from the bottom: `settled` (where to start from, and
-where again when that fails), `solve` (steps until nothing is missed), `quadratic_step` (one quadratic problem:
-active set and prices), `climb` (the sure way through one), `assemble` and `factor` (its 4 x 4 Schur
+where again when that fails), `solve` (steps until nothing is missed), `quadratic_step` (one quadratic
+problem: active set and prices), `climb` (the sure way through one), `assemble` and `factor` (its 4 x 4 Schur
 complement: the Hessian of the Lagrangian is a 2 x 2 block an arm), `expand` (surfaces and slopes).
 
 Floats, indexing and loops, and no allocation: the same functions run on lists in plain Python and on arrays
