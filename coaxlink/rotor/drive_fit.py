@@ -31,6 +31,7 @@ HUBER, ROUNDS = 2.5, 12
 PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
 WATTS_ROWS = 12
+CERTAIN = 5.0  # standard errors of a slope that is no chance
 
 
 @dataclass(frozen=True)
@@ -238,6 +239,7 @@ class WattsFit:
     power: BatteryPower
     efficiency: float  # shaft over battery energy, of the rows in which the motor drives
     typical_W: float  # median of these
+    crosstalk_W: float  # what the other side's watts change in this side's, at one speed and torque
 
 
 def watts_fits(samples: Samples) -> dict[str, WattsFit]:
@@ -245,7 +247,8 @@ def watts_fits(samples: Samples) -> dict[str, WattsFit]:
     found: dict[str, WattsFit] = {}
     for side in SIDES:
         if samples.has(f"{side}_rpm", f"{side}_torque_Nm"):
-            fit = _watts_fit(samples, side)
+            other = drawn_watts(samples, SIDES[1 - SIDES.index(side)])
+            fit = _watts_fit(samples, side, other)
             found |= {side: fit} if fit is not None else {}
     return found
 
@@ -260,7 +263,7 @@ def drawn_watts(samples: Samples, side: str) -> Array | None:
     return np.asarray(volts * samples[f"{side}_current_A"])
 
 
-def _watts_fit(samples: Samples, side: str) -> WattsFit | None:
+def _watts_fit(samples: Samples, side: str, other: Array | None) -> WattsFit | None:
     from scipy.optimize import nnls  # scipy takes a third of a second to load
 
     drawn = drawn_watts(samples, side)
@@ -286,4 +289,21 @@ def _watts_fit(samples: Samples, side: str) -> WattsFit | None:
     constant, per_w, per_w2, copper, of_shaft = b.tolist()
     missed_W = float(np.sqrt(np.mean(missed**2)))
     power = BatteryPower(constant, per_w, per_w2, copper, of_shaft, missed_W)
-    return WattsFit(power, float(shaft.sum() / p.sum()), float(np.median(p)))
+    crosstalk = 0.0 if other is None else _crosstalk(p - X @ b, other[rows])
+    return WattsFit(power, float(shaft.sum() / p.sum()), float(np.median(p)), crosstalk)
+
+
+def _crosstalk(left: Array, other: Array) -> float:
+    """W that go with the other side's watts over their range; 0 where that may be chance."""
+    known = np.isfinite(other)
+    if known.sum() < WATTS_ROWS or np.ptp(other[known]) == 0.0:
+        return 0.0
+    X = np.stack([np.ones(known.sum()), other[known]], axis=1)
+    slope, rest = _line(X, left[known])
+    error = float(np.std(rest)) / (float(np.std(other[known])) * np.sqrt(known.sum()))
+    return slope * float(np.ptp(other[known])) if abs(slope) > CERTAIN * error else 0.0
+
+
+def _line(X: Array, y: Array) -> tuple[float, Array]:
+    b = np.linalg.lstsq(X, y, rcond=None)[0]
+    return float(b[1]), np.asarray(y - X @ b)

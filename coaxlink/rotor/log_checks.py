@@ -30,6 +30,7 @@ FAST = 0.5  # of a rotor's own fastest: below, a wake may well push it down
 # one that it finds unfit (SRM: 0.052 and 0.078; Berra, Trujillo and Heredia 2024, Table 2, NRMSE)
 POOR = 0.05
 SHOWN = 4
+CROSSTALK = 0.05  # of the typical watts: what a split saves is of this size
 MOST_EFFICIENT, LEAST_EFFICIENT = 1.0, 0.5  # shaft over battery watts of a drive: physics; a motor near stall
 
 
@@ -270,6 +271,12 @@ def _efficiency(data: StandData) -> Iterator[str]:
             yield f"{drawn}: a torque cell, a current sensor or the rpm is wrong"
         elif watts.efficiency < LEAST_EFFICIENT:
             yield f"{drawn}, where drives give 80 to 95: a current sensor, a torque cell or the rpm is wrong"
+        if abs(watts.crosstalk_W) > CROSSTALK * watts.typical_W:
+            yield (
+                f"{side}: its watts change by {watts.crosstalk_W:+.0f} W (typical: {watts.typical_W:.0f}) "
+                "with the other side's, at one speed and torque: current sensors on one ground? What a split "
+                "saves at the battery rests on that; at the shafts it does not"
+            )
 
 
 def _wrong_way(data: StandData) -> Iterator[str]:

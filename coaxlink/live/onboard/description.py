@@ -60,8 +60,8 @@ def board_law(vehicle: Vehicle) -> BoardLaw:
     """The numbers of a vehicle.
 
     Raises InputError where effects were left to live mixing or bend commands more than `Edge` holds, and
-    where the rotors cannot make four axes or do not hover between 0.05 and 0.95 of the thrust that a demand of
-    1 means.
+    where the rotors cannot make four axes or do not hover between 0.05 and 0.95 of the thrust that a demand
+    of 1 means.
     """
     refuse_live(vehicle)
     frame = vehicle.airframe
