@@ -11,10 +11,10 @@ numbers.
 
 A SET is a folder with a `truth.json` (`../shared/worlds/closed1/stand`), or an author and seeds: `own:0-2`
 and `sim:0-2` (`worlds/own.py`: our stands, the bench and the flights of `sim`), `board:0` (real autopilots on
-the paper's vehicle, `../shared/data/flights`), `author6:1` (`worlds/author6`, the example: what a generator
-is called with and writes), and of `../shared/worlds/authors`, where present, `one:11`, `two:3` and `author3:1`
-to `author14:1` (folders `three` to `fourteen`). What a generator writes is kept
-in `--folder`, and so is every answer, under the method's hash or a name; the same command goes on.
+the paper's vehicle, `../shared/data/flights`), `author6:1` (`worlds/author6`, the example of what a
+generator is called with and writes), and where `../shared/worlds/authors` is, `one:11`, `two:3` and
+`author3:1` to `author14:1` (its folders `three` to `fourteen`). What a generator writes is kept in
+`--folder`, and so is every answer, under the method's hash or a name; the same command goes on.
 
 Right: the names are the truth's or an accepted set; of an oddity nothing is named and something is
 unexplained; of a fault something is suspect and nothing named; of an ambiguous log a group holds the names;
@@ -56,7 +56,10 @@ HERE = Path(__file__).resolve().parent
 WORLDS = (HERE.parent.parent / "shared" / "worlds").resolve()
 KINDS = ("effect", "two", "odd", "fault", "ambiguous", "clean", "real")
 GENERATORS = {"stand": "stand.py", "flight": "gen.py"}  # of author one
-NUMBERS = "one two three four five six seven eight nine ten eleven twelve thirteen fourteen".split()
+NUMBERS = (
+    *("one", "two", "three", "four", "five", "six", "seven"),
+    *("eight", "nine", "ten", "eleven", "twelve", "thirteen", "fourteen"),
+)
 NATS = 100.0  # an oracle's: more must not be answered by silence
 Truth = dict[str, Any]
 Answer = dict[str, Any]
