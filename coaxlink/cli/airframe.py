@@ -117,8 +117,3 @@ def _checked(frame: Airframe) -> str:
     if source in UNKNOWN:
         return f"lengths, pairs, spins and balance fit; the inertia is {source}, which checks nothing"
     return "lengths, pairs, spins, balance and inertia fit"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("airframe", short_help="Draw a vehicle and say what looks wrong.")(airframe)
