@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
     from firmware_params.ardupilot.table import ApTable
 
-FIRMWARES = ("px4", "ardupilot")
-
 
 def table(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],

@@ -115,7 +115,8 @@ def test_a_verb_is_loaded_when_it_is_called():
         "import contextlib, sys\nfrom coaxlink.cli import main\n"
         "for words in (['--help'], ['--version'], ['restore', '--help']):\n"
         "    with contextlib.suppress(SystemExit):\n        main(words)\n"
-        "    print('loaded', *(m[13:] for m in sys.modules if m[:13] == 'coaxlink.cli.' and 'shared' not in m))\n"
+        "    names = [m.split('.') for m in sys.modules if m.startswith('coaxlink.cli.')]\n"
+        "    print('loaded', *(n[2] for n in names if n[2] != 'shared'))\n"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     loaded = [line.split()[1:] for line in said.splitlines() if line.startswith("loaded")]
