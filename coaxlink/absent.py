@@ -43,7 +43,7 @@ def absent(error: ImportError, verb: str) -> InputError | None:
 
 def lacking() -> list[str]:
     """Names of the packages of a whole install that are not here."""
-    return [package for module, package in LEFT_OUT.items() if not _is_here(module)]
+    return sorted({package for module, package in LEFT_OUT.items() if not _is_here(module)})
 
 
 def _is_here(module: str) -> bool:

@@ -18,7 +18,13 @@ settings.load_profile("any machine")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 KEY = bytes(range(32))
-POSIX = {"fcntl", "pty", "resource", "termios", "tty"}  # what Windows lacks: `sim` needs it, and some tests do
+POSIX = {
+    "fcntl",
+    "pty",
+    "resource",
+    "termios",
+    "tty",
+}  # what Windows lacks: `sim` needs it, and some tests do
 try:
     import fcntl  # noqa: F401
 except ImportError:

@@ -70,13 +70,13 @@ def report(
     if board and differs:
         findings += check_against(frame, board)
     out = console()
-    fits = board and len(board.mounts) == len(frame.rotors)
-    out.print(draw(frame, board if fits else None), markup=False)
     for finding in findings:
         out.print(f"{finding.severity}: {finding}", markup=False)
     if not findings:
         against = f", and {board.source} has the same rotors" if board and differs else ""
         out.print(f"nothing to mend: {_checked(frame)}{against}", markup=False)
+    fits = board and len(board.mounts) == len(frame.rotors)
+    out.print(draw(frame, board if fits else None), markup=False)
     if model is None:
         say("no rotor model given: thrust against weight was not checked")
     if picture:

@@ -61,6 +61,7 @@ def allocate(
     from rich.table import Table
 
     out = console()
+    out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
     table = Table("rotor", "speed", "thrust N", "torque N m", "", box=None)
     for i, placed in enumerate(true.airframe.rotors):
         at = "at its bound" if result.saturated[i] else ""
@@ -73,7 +74,6 @@ def allocate(
         row = plain(result.wrench[k]), plain(result.delivered[k]), f"{figure(result.error[k])}{gave_up}"
         table.add_row(f"{axis} {unit}", *row)
     out.print(table)
-    out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
     refuse_out_of_reach(result, exact=law == "exact" and not law_rotor)
 
 

@@ -157,12 +157,12 @@ def _print(result: Identification, checks: LogChecks) -> None:
     from coaxlink.report.identify import remarks, sentence, tables
 
     say(f"{result.data.samples.source}: {result.data.samples.rows} rows")
+    screen = console()
+    screen.print(sentence(result))
     for line in checks.odd:
         say(f"! {line}")
     for line in checks.covers:
         say(f"- {line}")
-    screen = console()
-    screen.print(sentence(result))
     for table in tables(result):
         screen.print(table)
     for remark in remarks(result):

@@ -168,7 +168,7 @@ def test_a_vehicle_s_file_says_where_it_is(capsys, tmp_path):
     for file, words, said in (
         ("x8", [], "udpout:127.0.0.1: a port"),
         ("x8", ["--connect", "tcp:"], "tcp:: "),
-        ("none", [], "--connect: where the vehicle is; [defaults] connect in"),
+        ("none", [], "--connect: an address is expected, or once for all [defaults] connect in"),
         ("odd", [], "defaults.conect"),
     ):
         assert run(build_app(), ["mix", str(tmp_path / f"{file}.toml"), *rotor, *words]) == 2
