@@ -22,7 +22,8 @@ def address_of(typed: str | None, airframe: Path | None) -> str:
     if found or typed is not None:
         return found or ""
     where = airframe or "the vehicle's file"
-    raise InputError("--connect", "", f"an address is expected, or once for all [defaults] connect in {where}")
+    wanted = f"an address is expected, or once for all [defaults] connect in {where}"
+    raise InputError("--connect", "", wanted)
 
 
 @contextmanager
