@@ -228,8 +228,3 @@ def _numbered(path: Path, count: int) -> list[Path]:
     if count == 1:
         return [path]
     return [path.with_name(f"{path.stem}_{i}{path.suffix}") for i in range(1, count + 1)]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("identify", short_help="Identify a rotor model from stand logs, or from flights.")(identify)
