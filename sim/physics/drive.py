@@ -105,7 +105,7 @@ def turned(command, volts, geo, p, w, second, pairs, tables):
 
 @inlined
 def tabled_power(w, p, geo, pairs, tables):
-    """Watts that all rotors draw by the tables: as their torque, more or less in this air and by what is left."""
+    """Watts that all rotors draw by the tables; like torque by what is left of each, and this air."""
     total = 0.0
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]

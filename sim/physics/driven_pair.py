@@ -117,7 +117,7 @@ def _drive(path: Path, name: str, side: Any) -> _Drive:
 
 
 def _solved(path: Path, side: _Drive, pair: Pair, k: int, grid: Array, tables: Array) -> Array:
-    """(POINTS, POINTS) speeds of side k whose command is the one that is given, by halving. Raises WorldError."""
+    """(POINTS, POINTS) speeds of side k at the commands given, by halving. Raises WorldError."""
     wanted, other = grid[..., k], tables[LOW_SPEED if k == 0 else SPEED]
 
     def command(speed: Array) -> Array:

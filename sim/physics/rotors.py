@@ -1,5 +1,5 @@
-"""Rotor files: surfaces of the paper's form (`sim.physics.pair`), with a drive (`sim.physics.driven_pair`), a raw
-stand map (`sim.physics.tabled_pair`), or blades (`sim.physics.bemt`)."""
+"""Rotor files: surfaces of the paper's form (`sim.physics.pair`), with a drive (`sim.physics.driven_pair`),
+a raw stand map (`sim.physics.tabled_pair`), or blades (`sim.physics.bemt`)."""
 
 from __future__ import annotations
 

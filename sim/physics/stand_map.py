@@ -1,7 +1,8 @@
 """A raw stand map of a pair, read by the world's own reader: steady rows of both rotors, nothing fitted.
 
-Columns are coaxlink's own (`upper_throttle`, `lower_thrust_N`, ...; `voltage_V` for both or one a side) or those
-that the platform of Buzzatto and Liarokapis writes (`PWM Left`, `Thrust Right [g]`, ...), left for upper.
+Columns are coaxlink's own (`upper_throttle`, `lower_thrust_N`, ...; `voltage_V` for both or one a side) or
+those that the platform of Buzzatto and Liarokapis writes (`PWM Left`, `Thrust Right [g]`, ...), left for
+upper.
 """
 
 from __future__ import annotations

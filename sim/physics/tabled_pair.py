@@ -2,8 +2,8 @@
 
 Eight tables over two axes, 0 .. REACH: thrust and torque of both rotors over both *speeds*, speeds of both
 over both *commands* (at the reference supply), watts of both over both speeds. Between points the kernel goes
-straight. Nothing here is fitted by a form: rows are joined by thin plates. Beyond the fastest row loads
-go on with the square of speed and watts with its cube, along the ray from rest; below the slowest, what a rotor
+straight. Nothing here is fitted by a form: rows are joined by thin plates. Beyond the fastest row loads go
+on with the square of speed and watts with its cube, along the ray from rest; below the slowest, what a rotor
 gives of its own falls to rest with the square of its speed, what the other one's wake does to it stays.
 """
 
@@ -55,7 +55,7 @@ class TabledPair(Pair):
         return None if self.supply_V is None else max(round(self.supply_V / CELL_V), 1)
 
     def compiled(self) -> tuple[Array, Array]:
-        """Tables in the place of coefficients, all eight of a point side by side: the kernel knows them by that."""
+        """Tables in the place of coefficients, (POINTS, POINTS, 8): the kernel knows them by that."""
         return np.ascontiguousarray(np.moveaxis(self.tables, 0, -1)), np.empty(0)
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> Array:
@@ -132,37 +132,37 @@ def _plate(x: Array, y: Array) -> Plate:
     return lambda at: np.asarray(found(at.reshape(-1, 2))).reshape(at.shape[:-1])
 
 
-def _rays(grid: Array, speeds: Array) -> tuple[Array, Array]:
-    """Points brought back along their rays to the fastest rows, and how many times as fast the given are.
+def _reach(rows: Array) -> tuple[Array, Array]:
+    """(2,) least and most at which the plate holds: rows (n, 2), and all of the cells that they lie in."""
+    step, least = REACH / (POINTS - 1), rows.min(axis=0)
+    return np.maximum(least - step, 0.5 * least), rows.max(axis=0) + step
 
-    The cells that the fastest rows lie in are the plate's: hence one step of the axes more.
-    """
-    fastest = speeds.max(axis=0) + REACH / (POINTS - 1)
-    times = np.maximum((grid / fastest).max(axis=-1), 1.0)
-    return grid / times[..., None], times
+
+def _over_speeds(grid: Array, speeds: Array, k: int) -> tuple[Array, Array, Array, Array]:
+    """Points within the plate, how fast side k turns there of its least (at most 1), how many times as fast
+    as the nearest point on their rays they are (at least 1), and the slowest point."""
+    least, most = _reach(speeds)
+    times = np.maximum((grid / most).max(axis=-1), 1.0)
+    near = grid / times[..., None]
+    return np.maximum(near, least), np.minimum(near[..., k] / least[k], 1.0), times, least
 
 
 def _loads(plate: Plate, grid: Array, speeds: Array, k: int) -> Array:
     """Thrust or torque of side k over speeds: see the module."""
-    near, times = _rays(grid, speeds)
-    least = speeds.min(axis=0)
-    inside = np.maximum(near, least)
-    slow = np.minimum(near[..., k] / least[k], 1.0)
+    inside, slow, times, least = _over_speeds(grid, speeds, k)
     own = float(plate(least))  # both at their slowest: what the rotor gives without a wake to speak of
     return (plate(inside) - own * (1.0 - slow**2)) * times**2
 
 
 def _drawn(plate: Plate, grid: Array, speeds: Array, k: int) -> Array:
     """Watts of side k over speeds, none where it rests."""
-    near, times = _rays(grid, speeds)
-    least = speeds.min(axis=0)
-    slow = np.minimum(near[..., k] / least[k], 1.0)
-    return np.maximum(plate(np.maximum(near, least)), 0.0) * slow**2 * times**3
+    inside, slow, times, _ = _over_speeds(grid, speeds, k)
+    return np.maximum(plate(inside), 0.0) * slow**2 * times**3
 
 
 def _driven(plate: Plate, grid: Array, commands: Array, k: int) -> Array:
-    """Speed of side k over commands: straight from rest to the least, beyond the last with the plate's slope."""
-    least, most = commands.min(axis=0), commands.max(axis=0)
+    """Speed of side k over commands: straight from rest to the least, with the last slope beyond."""
+    least, most = _reach(commands)
     inside = np.clip(grid, least, most)
     back = np.zeros(2)
     back[k] = 0.05
