@@ -175,7 +175,8 @@ def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     for table in tables(result):
         screen.print(table)
     for remark in remarks(result):
-        say(f"- {remark}")
+        if remark not in result.warnings:  # said above
+            say(f"- {remark}")
 
 
 def _save(models: list[RotorModel], out: Path, co_rotating: bool) -> None:
@@ -228,8 +229,3 @@ def _numbered(path: Path, count: int) -> list[Path]:
     if count == 1:
         return [path]
     return [path.with_name(f"{path.stem}_{i}{path.suffix}") for i in range(1, count + 1)]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("identify", short_help="Identify a rotor model from stand logs, or from flights.")(identify)

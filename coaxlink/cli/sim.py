@@ -14,13 +14,20 @@ import typer
 
 from coaxlink import files
 from coaxlink.absent import refuse_windows
+from coaxlink.cli.shared.completion import FIRMWARES, one_of
 from coaxlink.cli.shared.next import on_simulator
 from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError, LinkError
 
 
 def sim(
-    firmware: Annotated[str, typer.Option(help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH or ardupilot.")] = "px4",
+    firmware: Annotated[
+        str,
+        typer.Option(
+            help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH or ardupilot.",
+            autocompletion=one_of(*FIRMWARES, "px4:1.13"),
+        ),
+    ] = "px4",
     airframe: Annotated[Path | None, typer.Option(help="The world's vehicle.")] = None,
     rotor: Annotated[Path | None, typer.Option(help="The world's rotor; else the airframe's.")] = None,
     truth: Annotated[Path | None, typer.Option(help="Effects and faults that are true here.")] = None,
@@ -250,8 +257,3 @@ def world_errors() -> Iterator[None]:
         raise InputError(error.source, error.where, error.problem) from error
     except PortError as error:
         raise LinkError(error.address, error.problem) from error
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("sim", short_help="Fly a simulated autopilot, or measure a simulated stand.")(sim)

@@ -84,12 +84,13 @@ def test_a_demand_out_of_reach_is_not_looked_at_again_while_it_stays():
     law = ExactLaw(VEHICLE)
     for _ in range(20):
         law.speeds([3 * WEIGHT, 5.0, 0.0, 0.0])
-    assert law.certificate.looks == 1
+    assert law.certificate.looks <= 1 and law.certificate.steps == 1
 
 
 def test_live_mixing_commands_what_the_drive_needs_for_the_speeds_of_the_law():
     drive = Drive(
-        SideDrive((0.02, 0.5, 0.3), 0.08, (0.05, 1.0)), SideDrive((0.03, 0.5, 0.3), 0.06, (0.05, 1.0))
+        SideDrive((0.02, 0.5, 0.3), 0.08, range=(0.05, 1.0)),
+        SideDrive((0.03, 0.5, 0.3), 0.06, range=(0.05, 1.0)),
     )
     core = MixCore(Vehicle(X8.airframe, dataclasses.replace(CORNER, drive=drive)))
     sent = np.array(core.step(1, 0, [0.02, -0.01, 0.01, 0.45]))
@@ -113,4 +114,4 @@ def test_live_mixing_sends_the_reduced_laws_answer_where_the_law_gives_less():
     core = MixCore(VEHICLE, Idle())
     core.step(1, 0, [0.0, 0.0, 0.0, 0.4])
     assert delivered(np.array(core.speeds))[0] > 0.5 * core.wrench[0]
-    assert core.counters.account(1.0)["reduced_instead"] == 1
+    assert core.counters.account(1.0)["reduced_mixer_flown"] == 1

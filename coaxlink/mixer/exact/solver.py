@@ -79,7 +79,7 @@ class State(NamedTuple):
     old_gone: Any  # (3, 4)
     old_x: Any  # (3, 2K)
     old_act: Any  # (3, 2K)
-    smooth: Any  # (1,) 1 if the last call's x was reached by a smooth motion, 0 if by a jump
+    smooth: Any  # (1,) 1 if the last call's x was reached by a smooth motion, 0 by a jump, -1 by a leap
     best: Any  # (2K,) of all starts so far
     looked: Any  # (5,) where the last look all round was made (mu), and whether one was: 1
     looks: Any  # (1,) how many were made
@@ -96,6 +96,7 @@ GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
 MISS_DONE = 1e-9  # of the vehicle's authority: what corrections must reach
 CORRECTIONS = 3  # that reuse one factor
 SETTLING, GRACE = 0.1, 3  # a step this small at the limit earns a few more: it shrinks by its square
+SAME = 1e-6  # of the merit: two ends are one
 PERSIST = 60  # steps inside a trust region
 # stages of a call: from the last solution, from hover, from STARTS all round, from the best of them
 NEAR, HOME, STARTS = 0, 1, 4
@@ -103,6 +104,7 @@ AGAIN = HOME + STARTS + 1
 # remembered: the last call; the solutions that stood before the last jump out of reach, and before that back
 LAST, WITHIN, BEYOND = 0, 1, 2
 JUMP = 0.02  # of the vehicle's authority, all axes together: more is no smooth motion
+LEAP = 0.1  # the same: more may end in another valley of the power
 CLEARLY = 1.5  # times nearer: else the last solution, which the active set is surest of, serves
 NEVER = 1e9  # further from any wrench than any wrench can be: nothing is remembered there yet
 
@@ -664,7 +666,7 @@ def start(p, s):
     """
     jump = away(s, LAST)
     if jump < JUMP:
-        ahead, last = s.smooth[0], s.old_x[LAST]
+        ahead, last = max(s.smooth[0], 0.0), s.old_x[LAST]
         for i in range(2 * p.size):
             at = s.x[i]
             s.x[i], last[i] = at + ahead * (at - last[i]), at
@@ -676,7 +678,7 @@ def start(p, s):
         other = WITHIN if out else BEYOND
         if CLEARLY * away(s, other) < jump:
             recall(p, s, other)
-        s.smooth[0] = 0.0
+        s.smooth[0] = -1.0 if out or jump > LEAP else 0.0
     for j in range(4):
         s.old_mu[LAST][j] = s.mu[j]
     for i in range(2 * p.size):
@@ -778,7 +780,7 @@ def settled(p, s, limit):
     """
     start(p, s)
     spent = rounds = steps = 0
-    before, delivered, enough = 1e300, False, False
+    before, delivered, near, enough = 1e300, False, False, False
     for stage in range(AGAIN + 1):
         if enough and stage < AGAIN:
             continue
@@ -798,9 +800,9 @@ def settled(p, s, limit):
         spent, rounds = spent + abs(steps), rounds + more
         sound = steps > 0 and fault(p, s) == 0.0
         if stage == NEAR:
-            if (sound and s.smooth[0] > 0.0) or (steps > 0 and known(p, s)):
+            if (sound and s.smooth[0] >= 0.0) or (steps > 0 and known(p, s)):
                 return spent, rounds
-            delivered, before = sound, better(p, s, before)
+            delivered, near, before = sound, steps > 0, better(p, s, before)
             keep_working(p, s)
         elif stage == HOME and delivered:
             # after a jump the same wrench may be had at less power near hover
@@ -811,8 +813,11 @@ def settled(p, s, limit):
         elif stage == HOME and sound:
             return spent, rounds
         else:
+            here, there = merit(p, s), before
             before = better(p, s, before)
-            enough = enough or (sound and stage <= HOME + 2)  # delivered: no other start can deliver more
+            # two ways to one end, or delivered: no other start can deliver more
+            same = stage == HOME and near and steps > 0 and abs(here - there) < SAME * max(there, 1.0)
+            enough = enough or same or (sound and stage <= HOME + 2)
     for j in range(4):
         s.looked[j] = s.mu[j]
     s.looked[4] = 1.0

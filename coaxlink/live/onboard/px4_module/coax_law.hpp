@@ -170,7 +170,7 @@ public:
 	{
 		begin(demand);
 		settled = settle(false) && !state.gone[0] && !state.gone[1] && !state.gone[2];
-		settled = settled && ((!faulty() && state.smooth > Real(0)) || known());
+		settled = settled && ((!faulty() && state.smooth >= Real(0)) || known());
 		finish();
 		return settled;
 	}
@@ -200,7 +200,7 @@ public:
 private:
 	// levels of the algorithm; the same as in solver.py
 	static constexpr Real CURVATURE = Real(0.05), STEP_DONE = Real(2e-3), SETTLING = Real(0.1), MOST_DEMAND = Real(4);
-	static constexpr Real JUMP = Real(0.02), CLEARLY = Real(1.5), NEVER = Real(1e9);
+	static constexpr Real JUMP = Real(0.02), LEAP = Real(0.1), CLEARLY = Real(1.5), NEVER = Real(1e9);
 	static constexpr int ROUNDS = 6, CLIMBS = 30, CUTS = 40, CORRECTIONS = 3, GRACE = 3, PERSIST = 60, STEPS = 6, STARTS = 4;
 	enum { LAST = 0, WITHIN = 1, BEYOND = 2 };  // what is remembered
 	enum { CLOSE, MIDDLE, SURE, LAST_STEPS };    // of `optimum`
@@ -379,6 +379,16 @@ private:
 		}
 
 		return gain;
+	}
+
+	// the merit of x, for a scale
+	Real dearness() const
+	{
+		Real total = _power;
+
+		for (int j = 0; j < 4; j++) { total += _vehicle.cap[j] * magnitude(miss[j]); }
+
+		return total;
 	}
 
 	void move()
@@ -946,7 +956,7 @@ private:
 		} else if (jump < JUMP) {
 			for (int i = 0; i < N; i++) {
 				const Real at = state.x[i];
-				state.x[i] = at + state.smooth * (at - state.old_x[LAST][i]);
+				state.x[i] = at + larger(state.smooth, Real(0)) * (at - state.old_x[LAST][i]);
 				state.old_x[LAST][i] = at;
 			}
 
@@ -961,7 +971,7 @@ private:
 
 			if (CLEARLY * away(other) < jump) { recall(other); }
 
-			state.smooth = 0;
+			state.smooth = out || jump > LEAP ? Real(-1) : Real(0);
 			_stage = CLOSE;
 		}
 
@@ -1061,8 +1071,9 @@ private:
 		if (_stage == CLOSE) {
 			const bool near = settle(true);
 			_delivered = near && !faulty();
+			_near = near;
 
-			if ((_delivered && state.smooth > Real(0)) || (near && known())) { return true; }
+			if ((_delivered && state.smooth >= Real(0)) || (near && known())) { return true; }
 
 			fresh_miss();
 			keep(true);
@@ -1083,7 +1094,14 @@ private:
 
 			if (there && !faulty()) { return done(); }
 
+			// two ways to one end: no other start is likely to deliver more
+			Real left[4], power;
+			missing(_best, left, power);
+			const Real apart = worth(left, power, miss, _power);
 			keep(false);
+
+			if (_near && there && magnitude(apart) < Real(1e-6) * larger(dearness(), Real(1))) { return look_done(); }
+
 			_start = 0;
 			looks++;
 			stand_at(0);
@@ -1184,7 +1202,7 @@ private:
 	Real _lo[N] {}, _hi[N] {};
 	Real _power = 0, _radius = 0;
 	int _stage = CLOSE, _left = 0, _start = 0;
-	bool _delivered = false;
+	bool _delivered = false, _near = false;
 	Real _answer[N] {}, _best[N] {}, _looked[4] {}, _looked_at = NEVER;
 	Real _slope[N] {}, _jacobian[N][4] {}, _hessian[K][3] {};
 	Real _own[N] {}, _reply[N][4] {}, _step[N] {};
