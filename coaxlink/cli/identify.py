@@ -165,7 +165,7 @@ def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     screen.print(answer(result))
     for line in drive_lines(result):
         screen.print(line)
-    for line in checks.odd:
+    for line in (*result.warnings, *checks.odd):
         say(f"! {line}")
     if not every:
         say("terms, forms and remarks: --all, --report or --json")

@@ -87,7 +87,7 @@ def unit_of(channel: str) -> str:
 
 def remarks(result: Identification) -> Iterator[str]:
     """What a reader of the tables must know besides."""
-    yield from result.notes
+    yield from (note for note in result.notes if note not in result.warnings)
     for load, fit in result.fits.items():
         if fit.alone:
             yield f"{load}: its intervals take its terms for granted"
