@@ -128,7 +128,7 @@ def test_the_real_map_as_it_is(tmp_path: Path) -> None:
     run = coaxlink("identify", SHARED / "mn4014_16in_zD1.csv", "--all", "--out", out)
     assert run.code == 0 and "motors off (line 2, line 3, line 104)" in run.err
     model = load_rotor_model(out)
-    assert model.speed_max_rpm == pytest.approx(6692, abs=5)  # at full throttle; 6447 at 0.95
+    assert 6447 < model.speed_max_rpm < 6447 / 0.95  # 6447 rpm at 0.95 of the throttle, and rpm bend
     assert float(model.upper_thrust(0.953, 0.111)) == pytest.approx(25.4, abs=0.6)  # its line 13
 
 
