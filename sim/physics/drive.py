@@ -28,7 +28,7 @@ def shepherd(cells, charge, current, capacity):
 
 
 @inlined
-def supply(state, w, p, h, pairs, poly):
+def supply(state, w, p, geo, h, pairs, poly):
     """Current, charge, voltage and every winding's heat (K over the air) `h` seconds on, in place."""
     power = lost = 0.0
     for i in range(w.shape[1]):
@@ -40,8 +40,8 @@ def supply(state, w, p, h, pairs, poly):
         lost += warm
         w[at.W_HEAT, i] = heat + (cold + warm) * (h / p[at.HEAT_CAPACITY]) - heat * (h * p[at.COOLING])
     power = max(power, 0.0) * p[at.TOP_RATE] / p[at.EFFICIENCY]  # cold losses are in the efficiency
-    if poly.shape[0] == 8:
-        power = tabled_power(w, pairs, poly)
+    if poly.shape[2] == at.TABLES:
+        power = tabled_power(w, p, geo, pairs, poly)
     if p[at.HEAT_SHARE] != 0.0:
         power += lost
     drawn = 1.0 + power / max(state[at.VOLTAGE], 1.0)
@@ -91,11 +91,11 @@ def meant(command, heat, volts, p):
 @inlined
 def turned(command, volts, geo, p, w, second, pairs, tables):
     """Set what speeds follow by the tables of both commands of a pair (`tabled_pair`)."""
-    supply = volts / p[at.VOLT_REF] if p[at.VOLT_TABLED] != 0.0 else 1.0
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        below = command[j] * supply if j >= 0 else 0.0
-        upper, lower = looked_up(tables, 4, command[i] * supply, below)
+        above = meant(command[i], w[at.W_HEAT, i], volts, p)
+        below = meant(command[j], w[at.W_HEAT, j], volts, p) if j >= 0 else 0.0
+        upper, lower = looked_up(tables, 4, above, below)
         w[at.W_TARGET, i] = upper * geo[at.G_SPEED, i]
         w[at.W_LED, i] = w[at.W_LED, i] if second else w[at.W_TARGET, i]
         if j >= 0:
@@ -104,14 +104,14 @@ def turned(command, volts, geo, p, w, second, pairs, tables):
 
 
 @inlined
-def tabled_power(w, pairs, tables):
-    """Watts that all rotors draw, by the tables."""
+def tabled_power(w, p, geo, pairs, tables):
+    """Watts that all rotors draw by the tables; like torque by what is left of each, and this air."""
     total = 0.0
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         upper, lower = looked_up(tables, 6, w[at.W_U, i], w[at.W_U, j] if j >= 0 else 0.0)
-        total += upper + (lower if j >= 0 else 0.0)
-    return total
+        total += upper * geo[at.G_TORQUE, i] + (lower * geo[at.G_TORQUE, j] if j >= 0 else 0.0)
+    return total * p[at.AIR]
 
 
 @inlined

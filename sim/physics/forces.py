@@ -2,7 +2,7 @@
 """What air and ground do to a vehicle: loads of every rotor in still and in moving air, summed on the body.
 
 `w` is the scratch of `layout`, a column a rotor; `f` induced flows; `pairs` (P, 2) the upper (or single)
-rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients or (8, n, n) tables
+rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients or (n, n, 8) tables
 (`tabled_pair`), empty where rotors are `blades`.
 """
 
@@ -31,27 +31,40 @@ def surfaces(c, u, v):
 
 
 @inlined
-def looked_up(c, first, x, y):
-    """Tables `first` and the next of c (8, n, n) at x, y of their axes, 0 .. REACH."""
-    n = c.shape[1] - 1
+def cell_of(c, x, y):
+    """The cell of tables c (n, n, 8) that x, y of their axes (0 .. REACH) lie in, and how far along it."""
+    n = c.shape[0] - 1
     a, b = min(max(x, 0.0) * n / at.REACH, n - 1e-9), min(max(y, 0.0) * n / at.REACH, n - 1e-9)
     i, j = int(a), int(b)
-    f, g = a - i, b - j
-    one = (c[first, i, j] * (1.0 - g) + c[first, i, j + 1] * g) * (1.0 - f)
-    one += (c[first, i + 1, j] * (1.0 - g) + c[first, i + 1, j + 1] * g) * f
-    two = (c[first + 1, i, j] * (1.0 - g) + c[first + 1, i, j + 1] * g) * (1.0 - f)
-    two += (c[first + 1, i + 1, j] * (1.0 - g) + c[first + 1, i + 1, j + 1] * g) * f
-    return one, two
+    return i, j, a - i, b - j
+
+
+@inlined
+def looked_up(c, first, x, y):
+    """Tables `first` and the next."""
+    i, j, f, g = cell_of(c, x, y)
+    w00, w01, w10, w11 = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    k, m = first, first + 1
+    return (
+        c[i, j, k] * w00 + c[i, j + 1, k] * w01 + c[i + 1, j, k] * w10 + c[i + 1, j + 1, k] * w11,
+        c[i, j, m] * w00 + c[i, j + 1, m] * w01 + c[i + 1, j, m] * w10 + c[i + 1, j + 1, m] * w11,
+    )
 
 
 @inlined
 def still(poly, u, v):
-    """Loads of a pair at its speeds: of coefficients, or of tables."""
+    """Loads of a pair at its speeds: of coefficients, or of tables, whose loads come first."""
     if poly.shape[0] == 4:
         return surfaces(poly, u, v)
-    thrust, torque = looked_up(poly, 0, u, v)
-    thrust_low, torque_low = looked_up(poly, 2, u, v)
-    return thrust, torque, thrust_low, torque_low
+    i, j, f, g = cell_of(poly, u, v)
+    w00, w01, w10, w11 = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    a, b, c, d = poly[i, j], poly[i, j + 1], poly[i + 1, j], poly[i + 1, j + 1]
+    return (
+        a[0] * w00 + b[0] * w01 + c[0] * w10 + d[0] * w11,
+        a[1] * w00 + b[1] * w01 + c[1] * w10 + d[1] * w11,
+        a[2] * w00 + b[2] * w01 + c[2] * w10 + d[2] * w11,
+        a[3] * w00 + b[3] * w01 + c[3] * w10 + d[3] * w11,
+    )
 
 
 @inlined

@@ -163,7 +163,7 @@ def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
         look = stage == 0 and step % SUPPLY_EVERY == 0 and step < steps
         if look:
             calm = still and y[2] < clear
-            if poly.shape[0] == 8:
+            if poly.shape[2] == at.TABLES:
                 turned(command, state[at.VOLTAGE], geo, p, w, lag[2], pairs, poly)
             elif bends:
                 retarget(command, state[at.VOLTAGE], geo, p, w, lag[2])
@@ -175,7 +175,7 @@ def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
             wrench(y, w, f, p, geo, pairs, blades, lag, load)
         rigid(y, load, body, slope)
         if look:
-            supply(state, w, p, h * min(SUPPLY_EVERY, steps - step), pairs, poly)
+            supply(state, w, p, geo, h * min(SUPPLY_EVERY, steps - step), pairs, poly)
         if stage == 0:
             begun(y, w, f, start, total, blades)
         if step < steps:

@@ -15,8 +15,8 @@ PER_ROTOR = 5
     RESISTANCE, EFFICIENCY, FOOT_XY, FOOT_Z, GROUND_LAW, INFLOW_HOVER, INFLOW_LIFT, DRAG_LAW, DRAG_SCALE,
     LAG_LAW, LAG_RATIO, VOLT_LAW, VOLT_SHARE, PACK_LAW, BODY_LINEAR, AIR, CEILING_Z, CEILING_GAIN,
     CEILING_LAW, RADIUS, HEAT_SHARE, HEAT_LAW, MOTOR_KT, WINDING, HEAT_CAPACITY, COOLING, PUSH, _PUSH_Y,
-    _PUSH_Z, VOLT_TABLED, PARAMETERS,
-) = range(56)
+    _PUSH_Z, PARAMETERS,
+) = range(55)
 # fmt: on
 
 # geometry, a row a quantity and a column a rotor
@@ -36,6 +36,7 @@ O_FORCE, O_ALPHA, O_THRUST = 0, 3, 6
 F_INNER, F_OUTER = 0, 1
 F_START, F_NOW, F_SLOPE, F_SUM, F_ROWS = 0, 2, 4, 6, 8
 
+TABLES = 8  # of a pair: loads, speeds, watts; eq. 17 has no such power
 REACH = 1.25  # how far tables go, of full speed or command: a full pack is 1.15 of the usual voltage
 SOUND_M_S = 340.0
 SLOWEST = 0.15  # below this share of full speed the Reynolds number's power law is not trusted

@@ -101,7 +101,7 @@ class Plant:
         p[k.HEAT_CAPACITY] = m.heat_capacity_J_K
         p[k.COOLING] = 1.0 / (m.heat_capacity_J_K * m.cooling_K_W)
         p[k.RESISTANCE], p[k.EFFICIENCY] = b.resistance_ohm, b.efficiency
-        p[k.VOLT_TABLED] = float(self.pair.reference_V is not None)
+        p[k.VOLT_POWER] = float(self.pair.reference_V is not None)  # its ESCs count in volts
         return p
 
     def steady_speeds(self, commands: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -120,7 +120,8 @@ class Plant:
         other = np.where(partner >= 0, u[partner], 0.0)
         both = self.pair.watts(np.where(lower, other, u), np.where(lower, u, other))
         if both is not None:
-            return np.where(lower, both[1], both[0])
+            left = self.geometry[layout.G_TORQUE] * self.parameters[layout.AIR]
+            return np.where(lower, both[1], both[0]) * left
         rate = self.pair.speed_max_rpm * math.pi / 30.0
         return np.maximum(self.torque * u, 0.0) * rate / self.battery.efficiency
 

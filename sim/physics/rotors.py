@@ -1,5 +1,5 @@
-"""Rotor files: surfaces of the paper's form (`sim.physics.pair`), with a drive or a raw stand map as tables
-(`sim.physics.tabled_pair`), or blades (`sim.physics.bemt`)."""
+"""Rotor files: surfaces of the paper's form (`sim.physics.pair`), with a drive (`sim.physics.driven_pair`),
+a raw stand map (`sim.physics.tabled_pair`), or blades (`sim.physics.bemt`)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
 from sim.physics.bemt import bemt_pair
+from sim.physics.driven_pair import driven_pair
 from sim.physics.pair import ORDER, Pair
-from sim.physics.tabled_pair import driven_pair, map_pair
+from sim.physics.tabled_pair import map_pair
 
 KEYS = (
     "form", "speed_max_rpm", "rotation", "upper", "lower", "blades", "effects", "identified", "sources",
