@@ -400,7 +400,7 @@ def held(pair, rows, share):
 @pytest.mark.skipif(not COAX.is_dir(), reason="needs the real stand data beside the repository")
 def test_a_real_map_is_its_rows_and_those_that_were_left_out(name, tmp_path):
     rows, head, lines = platform(COAX / name)
-    held(read_pair(COAX / name), rows, 0.005)
+    held(read_pair(COAX / name), rows, 0.01)  # the rows themselves repeat to half a per cent
     out = np.arange(len(lines)) % 7 == 3
     part = tmp_path / "MAP.csv"
     part.write_text("\n".join([head, *lines[~out]]))
