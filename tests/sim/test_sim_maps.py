@@ -389,8 +389,8 @@ def held(pair, rows, share):
         (turns[0] * top, rows["n"], top), (turns[1] * top, rows["m"], top),
         (loads[0], rows["thrust"], 30.0 if top < 7000 else 16.0),
         (loads[2], rows["low"], 30.0 if top < 7000 else 16.0),
-        (watts[0], drawn[0], drawn[0].max()), (watts[1], drawn[1], drawn[1].max()),
-    ):  # fmt: skip
+        (watts[0], drawn[0], 1.5 * drawn[0].max()), (watts[1], drawn[1], 1.5 * drawn[1].max()),
+    ):  # fmt: skip  # currents repeat less well than speeds and thrusts
         assert math.sqrt(float(np.mean((found - wanted) ** 2))) < share * full
 
 
