@@ -68,7 +68,7 @@ def test_a_vehicle_that_is_no_frame_is_refused_in_one_line(tmp_path):
     upside = airframe(tmp_path / "upside.toml", (Y6B[0], Y6B[1], {2, 3, 5}))
     for frame, firmware, named in (
         (turned, "ardupilot", "are motors 1 to 8 of FRAME_CLASS 4"),
-        (upside, "ardupilot", "no frame of ArduCopter's own"),
+        (upside, "ardupilot", "are motors 1 to 6 of FRAME_CLASS 5"),
         (EXAMPLES / "mixed_hexa.toml", "ardupilot", "no frame of ArduCopter's own"),
         (airframe(tmp_path / "many.toml", TWELVE), "px4:1.13", "PX4 1.13.3 holds 8, found 12"),
     ):
