@@ -165,7 +165,7 @@ def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     screen.print(answer(result))
     for line in drive_lines(result):
         screen.print(line)
-    for line in checks.odd:
+    for line in (*result.warnings, *checks.odd):
         say(f"! {line}")
     if not every:
         say("terms, forms and remarks: --all, --report or --json")
@@ -175,7 +175,8 @@ def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     for table in tables(result):
         screen.print(table)
     for remark in remarks(result):
-        say(f"- {remark}")
+        if remark not in result.warnings:  # said above
+            say(f"- {remark}")
 
 
 def _save(models: list[RotorModel], out: Path, co_rotating: bool) -> None:

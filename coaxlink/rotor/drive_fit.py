@@ -279,9 +279,10 @@ def _watts_fit(samples: Samples, side: str, other: Array | None) -> WattsFit | N
     unit = np.abs(X).max(axis=0)
 
     def fitted(keep: NDArray[np.bool_]) -> Array:
-        """Losses, and what goes with the shaft's power, which is 1 but for a loss or a sensor's scale."""
+        """The shaft's power and losses on top of it: less from the battery would be power from nothing."""
         near = 1.0 / np.maximum(0.02 * p[keep].max() + 0.02 * p[keep], 1e-9)
-        return np.asarray(nnls(X[keep] / unit * near[:, None], p[keep] * near)[0] / unit)
+        lost = nnls(X[keep] / unit * near[:, None], (p - shaft)[keep] * near)[0] / unit
+        return np.asarray([*lost[:4], 1.0 + lost[4]])
 
     part = np.arange(len(p)) * PARTS // len(p)
     missed = np.concatenate([p[part == k] - X[part == k] @ fitted(part != k) for k in range(PARTS)])

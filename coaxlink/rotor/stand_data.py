@@ -27,6 +27,7 @@ COAXIAL = {
 PROPORTIONAL = 0.01  # rpm that follow the throttle this closely tell the speed at full throttle
 STEP = 0.05  # of the speed range: a smaller change is not a new level
 MOST_FOLDS = 12
+FASTEST = "fastest rpm in the log"
 FEWEST_ROWS = 6  # of a load: below, nothing is fitted to it
 SLOWEST_RPM, FASTEST_RPM = 1.0, 1e6  # no rotor at full speed is beyond
 
@@ -154,7 +155,7 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
     if full := _at_full_throttle(samples):
         return Speeds(upper / full, lower / full, full, "rpm at full throttle, to which it is proportional")
     drives = drive_fits(samples)
-    full, source = fastest, "fastest rpm in the log"
+    full, source = fastest, FASTEST
     if turned := at_full_throttle(drives):
         top = max(drive.top for drive in drives.values())
         full, source = turned, f"rpm at full throttle, by their drive over throttles up to {top:.2f}"

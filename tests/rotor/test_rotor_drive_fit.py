@@ -112,6 +112,17 @@ def test_battery_watts_are_found_and_their_efficiency_is_a_drive_s():
         assert np.abs(off).max() < 0.05 and 0.7 < fit.efficiency < 0.95, side
 
 
+@pytest.mark.parametrize("offset_A", [-0.3, 0.0])
+def test_no_battery_gives_less_than_the_shaft_takes(offset_A):
+    """A current sensor that reads low where little flows: an allocator would go where power is free."""
+    log = motors()
+    log = log.with_columns(upper_current_A=log["upper_current_A"] + offset_A)
+    power = watts_fits(log)["upper"].power
+    rad_s, share = np.meshgrid(np.linspace(50.0, 900.0, 20), np.linspace(0.3, 1.1, 9))
+    torque = 1.1e-6 * share * rad_s**2
+    assert (power.watts(rad_s, torque) >= torque * rad_s).all()
+
+
 def test_more_shaft_than_battery_power_is_said_of_the_log():
     from coaxlink.rotor.log_checks import oddities
 

@@ -69,18 +69,17 @@ def test_refit_is_least_squares_on_each_support() -> None:
     np.testing.assert_array_equal(refitted(twins, np.ones(2), np.array([[0.3, 0.2]])), [[0.3, 0.2]])
 
 
-def test_errors_on_a_block_are_those_of_a_path_that_has_not_seen_it() -> None:
+def test_errors_of_a_block_are_those_of_a_path_that_has_not_seen_it() -> None:
     X, y = lower_thrust()
     fold = np.repeat(np.arange(11), 11)
     rows = LoadRows("lower.thrust_N", *grid(), y, fold)
-    sums = _Sums(X, rows, np.ones(len(y)), list(range(11)))
-    errors = sums.error(sums.path([4]), 4)
+    sums = _Sums(X, rows, np.ones(len(y)), range(11))
     scale = np.sqrt(np.mean(X**2, axis=0))
-    assert len(errors) == len(sums.lambdas)
-    Z, z = X[fold != 4] / scale, y[fold != 4]
-    path = refitted(Z.T @ Z, Z.T @ z, lasso_path(Z.T @ Z, Z.T @ z, sums.lambdas))
-    expected = [np.sum((y[fold == 4] - X[fold == 4] / scale @ b) ** 2) for b in path]
-    np.testing.assert_allclose(errors, expected, rtol=1e-5)
+    Z, z = (X / scale)[fold != 4], y[fold != 4]
+    path = refitted(Z.T @ Z, Z.T @ z, lasso_path(Z.T @ Z, Z.T @ z, sums.lambdas)) / scale
+    expected = [np.sum((y - X @ b)[fold == 4] ** 2) for b in path]
+    np.testing.assert_allclose(sums.error(sums.path([4]), 4), expected, rtol=1e-6)
+    assert sums.path([4, 7]) is sums.path([7, 4])
 
 
 def test_tolerance_form_spends_all_of_its_tolerance() -> None:

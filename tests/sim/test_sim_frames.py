@@ -65,10 +65,12 @@ def test_a_real_frame_is_not_square(tmp_path):
 
 def test_a_vehicle_that_is_no_frame_is_refused_in_one_line(tmp_path):
     turned = airframe(tmp_path / "turned.toml", X8_CW, renumbered=lambda n: n % 8 + 1)
+    upside = airframe(tmp_path / "upside.toml", (Y6B[0], Y6B[1], {2, 3, 5}))  # as Y6A leaves it open
     alike = airframe(tmp_path / "alike.toml", (X8[0], X8[2], X8[2]))  # all upper ones counter-clockwise
     for frame, firmware, named in (
         (turned, "ardupilot", "are motors 1 to 8 of FRAME_CLASS 4"),
         (alike, "ardupilot", "no frame of ArduCopter's own"),
+        (upside, "ardupilot", "are motors 1 to 6 of FRAME_CLASS 5"),
         (EXAMPLES / "mixed_hexa.toml", "ardupilot", "no frame of ArduCopter's own"),
         (airframe(tmp_path / "many.toml", TWELVE), "px4:1.13", "PX4 1.13.3 holds 8, found 12"),
     ):
