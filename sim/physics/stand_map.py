@@ -28,7 +28,7 @@ HEADINGS = {
 }  # fmt: skip
 NEEDED = ("throttle", "rpm", "thrust_N", "torque_Nm")
 RPM_AT_REST, OFF = 1.0, 0.02  # at no throttle a rotor only runs down
-LEAST_ROWS, MOST_ROWS = 20, 400  # of different throttles; more are averaged, for plates take their cube in time
+LEAST_ROWS, MOST_ROWS = 20, 400  # of different throttles; more are averaged: a plate takes their cube in time
 CELL = 0.002  # of throttle: rows within it are one
 NARROW = 0.1  # width over length of the cloud of throttles; a line says nothing of one rotor beside the other
 
