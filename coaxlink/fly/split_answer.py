@@ -77,7 +77,7 @@ class SplitAnswer:
         least, most = self.share_ci
         edge = "; the least may lie beyond what was flown" if self.at_edge else ""
         return (
-            f"least power at {self.share:.3f} ({least:.3f} to {most:.3f}) of the thrust from the upper rotors, "
+            f"least power with {self.share:.3f} ({least:.3f} to {most:.3f}) of the thrust from above, "
             f"on board {self.on_board:.3f}: saves {100 * self.saving:.1f} % ({low:.1f} to {high:.1f}), "
             f"{self.saving * self.watts:.0f} W of {self.watts:.0f}{edge}"
         )
@@ -193,7 +193,7 @@ def _least(watts: Array, shares: Array) -> tuple[Array, Array]:
 
 
 def _drift(dwells: Dwells) -> Array:
-    """(n, columns) time to a power that grows with the hover, and the measured columns; centred, of size 1."""
+    """(n, columns) powers of time, more for a longer hover, and the measured columns; centred, of size 1."""
     t = dwells.time_s
     span = max(float(np.ptp(t)), 1e-9)
     powers = np.polynomial.legendre.legvander(2.0 * (t - t[0]) / span - 1.0, 1 + int(span // DRIFT_S))[:, 1:]

@@ -45,7 +45,7 @@ class World:
 
 def hover(world, shares, dwell_s, rng, *, gust_m_s=1.0, sensor_scale=1.06):
     """time, watts, share, vertical acceleration (m/s2), tilt (rad), each (rows,), of shares held in turn."""
-    n = int(round(dwell_s / STEP_S))
+    n = round(dwell_s / STEP_S)
     share = np.repeat(shares, n)
     t = STEP_S * np.arange(len(share))
     gust = gust_m_s * _coloured(len(t), 2.5, rng)
