@@ -44,6 +44,10 @@ def fly(
     split_reach: Annotated[
         float, typer.Option(min=0.01, max=0.2, help="`split`: so far to both sides of the share on board.")
     ] = 0.08,
+    after: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FLY.json", help="`split`: goes on from this flight, with a fresh pack."),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="All checks, then leave on the ground.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before arming.")] = False,
     out: Annotated[
@@ -77,7 +81,7 @@ def fly(
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     body = _vehicle_files(airframe, rotor)
-    split = Split(body, airframe, minutes, split_reach) if plan == SPLIT else None
+    split = Split(body, airframe, minutes, split_reach, after or []) if plan == SPLIT else None
     planned = (
         split.hover(height) if split
         else plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))

@@ -14,7 +14,7 @@ smaller or larger.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -29,6 +29,7 @@ DRIFT_S = 240.0  # one more power of time for so long a hover: packs and motors 
 SPARE = 6  # rows beyond the columns, below which no variance is believed
 CORRELATIONS = np.linspace(0.0, 0.8, 17)
 DIRECTIONS, RADII = 720, (0.25, 0.5, 0.75, 1.0)
+GAP_S = 60.0  # between two flights, as the drift over time sees it
 GRID = 201  # shares between the lowest and the highest flown
 
 Array = NDArray[np.float64]
@@ -43,6 +44,23 @@ class Dwells:
     watts: Array  # (n,) mean
     share: Array  # (n,) of the thrust that the upper rotors were set to give, 0..1
     columns: Array  # (n, k) means of what else moves the watts
+
+    def as_json(self) -> list[list[float]]:
+        """Rows of time, watts, share and columns."""
+        return np.column_stack([self.time_s, self.watts, self.share, self.columns]).tolist()
+
+    @classmethod
+    def of_json(cls, rows: Any, columns: int) -> Dwells:
+        """As `as_json` wrote them. Raises ValueError or TypeError for what is no such rows."""
+        table = np.asarray(rows, float)
+        if (
+            table.ndim != 2
+            or len(table) == 0
+            or table.shape[1] != 3 + columns
+            or not np.isfinite(table).all()
+        ):
+            raise ValueError(f"rows of {3 + columns} numbers are expected")
+        return cls(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
 
 
 @dataclass(frozen=True)
@@ -88,13 +106,13 @@ class SplitAnswer:
 
 
 def dwells_of(
-    time_s: Array, watts: Array, share: Array, settle_s: float, columns: Mapping[str, Array]
+    number: Array, time_s: Array, watts: Array, share: Array, settle_s: float, columns: Mapping[str, Array]
 ) -> Dwells:
-    """Means of every stretch of one share set-point, less its first `settle_s`; all arrays are (rows,).
+    """Means of every dwell by its `number`, less its first `settle_s`; all arrays are (rows,).
 
-    A stretch that holds less than `settle_s` of readings after settling is left out.
+    A dwell that holds less than `settle_s` of readings after settling is left out.
     """
-    edges = np.flatnonzero(np.diff(share) != 0.0) + 1
+    edges = np.flatnonzero(np.diff(number) != 0) + 1
     found = []
     for rows in np.split(np.arange(len(time_s)), edges):
         t = time_s[rows]
@@ -105,6 +123,19 @@ def dwells_of(
         found.append([time_s[rows].mean(), watts[rows].mean(), share[rows[0]], *extra])
     table = np.array(found, float).reshape(len(found), 3 + len(columns))
     return Dwells(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
+
+
+def joined(flights: Sequence[Dwells]) -> Dwells:
+    """Hovers one after the other, each with a level of its own: another pack, another hour."""
+    starts = np.cumsum([0.0, *(float(one.time_s[-1]) + GAP_S for one in flights[:-1])])
+    which = np.repeat(np.arange(len(flights)), [len(one.watts) for one in flights])
+    own = (which[:, None] == np.arange(1, len(flights))).astype(float)
+    time_s, watts, share, columns = (
+        np.concatenate(parts)
+        for parts in zip(*((one.time_s + start, one.watts, one.share, one.columns)
+                           for one, start in zip(flights, starts, strict=True)), strict=True)
+    )  # fmt: skip
+    return Dwells(time_s, watts, share, np.column_stack([columns, own]))
 
 
 def best_split(dwells: Dwells, on_board: float) -> SplitAnswer:

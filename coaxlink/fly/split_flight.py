@@ -68,7 +68,7 @@ class SplitFlight:
         self.plan = SplitPlan(tuple(level.share for level in self.levels), board, dwells)
         self.law = SplitLaw(self.levels, board)
         self.mixer = LiveMixer(session, vehicle, self.law, own_curve=own_curve(session))
-        self.record = PowerRecord(Telemetry(session.clock.monotonic))
+        self.record = PowerRecord(Telemetry(session.clock.monotonic), self.plan)
         self.law.speeds([vehicle.airframe.mass_kg * GRAVITY_M_S2, 0.0, 0.0, 0.0])  # caches, never in flight
 
     @contextmanager
@@ -84,7 +84,7 @@ class SplitFlight:
                 yield
         finally:
             sys.setswitchinterval(switch)
-            self.record.level = math.nan
+            self.record.now_s = math.nan
             for end in ends:
                 end()
 
@@ -93,5 +93,4 @@ class SplitFlight:
         if self.mixer.failed.is_set():
             raise self.mixer.error or CheckFailed("live mixing stopped itself")
         self.law.share = self.plan.share(t)
-        live = self.mixer.state == "live"
-        self.record.time_s, self.record.level = t, self.plan.level(t) if live else math.nan
+        self.record.now_s = t if self.mixer.state == "live" else math.nan

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.errors import InputError
-from coaxlink.fly.split_answer import Dwells, SplitAnswer, best_split, dwells_of
+from coaxlink.fly.split_answer import Dwells, SplitAnswer, best_split, dwells_of, joined
 from coaxlink.fly.trajectory import FlightPlan, Hold
 from coaxlink.mavlink.telemetry import Telemetry
 
@@ -17,6 +17,7 @@ RAMP_S = 1.0  # from a level to the next
 SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop and the power module's filter
 DWELL_S = 12.0
 POWER_HZ = 10.0
+COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,13 @@ class SplitPlan:
         """All dwells, and a ramp back."""
         return self.dwells * self.dwell_s + RAMP_S
 
+    def number(self, t: float) -> int:
+        """Of the dwell at `t` s, from 0."""
+        return int(t // self.dwell_s)
+
     def level(self, t: float) -> float:
         """What is flown at `t` s, once the ramp to it is over."""
-        number = int(t // self.dwell_s)
+        number = self.number(t)
         return self._order(number) if 0 <= number < self.dwells else self.on_board
 
     def share(self, t: float) -> float:
@@ -70,39 +75,42 @@ class SplitPlan:
 
 @dataclass
 class PowerRecord:
-    """Battery readings of the hover, and what else moves them: subscribe `hear`, set `level` and `t`.
+    """Battery readings of the hover, and what else moves them: subscribe `hear`, call `at` as time passes.
 
     Empty where the vehicle measures no current.
     """
 
     telemetry: Telemetry
-    level: float = math.nan  # NaN: not in the hover, nothing is kept
-    time_s: float = 0.0  # into the plan, the vehicle's clock
-    rows: list[tuple[float, ...]] = field(default_factory=list)  # time, watts, level, sinking m/s, tilt^2
+    plan: SplitPlan
+    now_s: float = math.nan  # into the plan, the vehicle's clock; NaN: nothing is kept
+    rows: list[tuple[float, ...]] = field(default_factory=list)  # dwell, s, W, share, sinking m/s, tilt^2
+    earlier: tuple[Dwells, ...] = ()  # flights before, with other packs
 
     def hear(self, message: Any) -> None:
         """Session subscriber."""
-        if math.isnan(self.level) or message.get_type() != "BATTERY_STATUS" or message.current_battery < 0:
+        if math.isnan(self.now_s) or message.get_type() != "BATTERY_STATUS" or message.current_battery < 0:
             return
         volts = sum(v for v in message.voltages if 0 < v < 65535) / 1e3
         velocity, attitude = self.telemetry.latest("velocity"), self.telemetry.latest("attitude")
         if velocity and attitude:
             roll, pitch, _ = attitude.value
             watts = volts * message.current_battery / 100.0
-            self.rows.append((self.time_s, watts, self.level, velocity.value[2], roll**2 + pitch**2))
+            number, level = self.plan.number(self.now_s), self.plan.level(self.now_s)
+            self.rows.append((number, self.now_s, watts, level, velocity.value[2], roll**2 + pitch**2))
 
-    def dwells(self, settle_s: float) -> Dwells:
+    def dwells(self) -> Dwells:
         """One row a dwell; columns: sinking, its rate (what the thrust is beside the weight), tilt squared.
 
         Raises InputError where nothing was measured.
         """
         if len(self.rows) < 2:
             raise InputError("the vehicle", "BATTERY_STATUS", "it says no battery current: no power is known")
-        t, watts, level, sinking, tilt = np.array(self.rows).T
+        number, t, watts, level, sinking, tilt = np.array(self.rows).T
         step = np.maximum(np.diff(t, append=t[-1] + 1.0), 1e-3)
         falling = np.append(np.diff(sinking), 0.0) / step
-        return dwells_of(t, watts, level, settle_s, {"sinking": sinking, "falling": falling, "tilt": tilt})
+        columns = dict(zip(COLUMNS, (sinking, falling, tilt), strict=True))
+        return dwells_of(number, t, watts, level, self.plan.settle_s, columns)
 
-    def answer(self, plan: SplitPlan) -> SplitAnswer:
-        """Of what was flown. Raises InputError where that is too little."""
-        return best_split(self.dwells(plan.settle_s), plan.on_board)
+    def answer(self) -> SplitAnswer:
+        """Of what was flown, now and earlier. Raises InputError where that is too little."""
+        return best_split(joined([*self.earlier, self.dwells()]), self.plan.on_board)

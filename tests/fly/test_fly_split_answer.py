@@ -17,7 +17,7 @@ def flown(board, seed, reach=0.1, dwells=56, **sensor):
     order = np.resize(np.concatenate([up, up[::-1], up[::-1], up]), dwells)
     t, watts, share, up, tilt = hover(WORLD, order, 12.0, np.random.default_rng(seed), **sensor)
     columns = {"load": (1.0 + up / 9.81) ** 1.5, "tilt": tilt**2}
-    return best_split(dwells_of(t, watts, share, 3.0, columns), board)
+    return best_split(dwells_of(t // 12.0, t, watts, share, 3.0, columns), board)
 
 
 @pytest.mark.parametrize("off", [0.0, -0.05, 0.07])
@@ -62,7 +62,8 @@ def test_stretches_that_did_not_settle_are_left_out():
     t = np.arange(0.0, 30.0, 0.1)
     share = np.where(t < 12, 0.5, np.where(t < 16, 0.6, 0.55))
     watts = np.where(t % 12 < 3, 9e9, 100.0 * share)
-    found = dwells_of(t, np.where((t > 16) & (t < 19), 9e9, watts), share, 3.0, {})
+    number = np.where(t < 12, 0, np.where(t < 16, 1, 2))
+    found = dwells_of(number, t, np.where((t > 16) & (t < 19), 9e9, watts), share, 3.0, {})
     assert found.share.tolist() == [0.5, 0.55]
     assert found.watts[0] == pytest.approx(50.0)
 

@@ -10,7 +10,7 @@ from coaxlink.cli.shared.shell import console, say
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
-    from coaxlink.fly.split_answer import SplitAnswer
+    from coaxlink.fly.split_answer import Dwells, SplitAnswer
     from coaxlink.fly.split_flight import SplitFlight
     from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.mavlink import Session
@@ -23,8 +23,15 @@ LEVELS = 7
 class Split:
     """One flight of the plan."""
 
-    def __init__(self, vehicle: Vehicle | None, airframe: Path | None, minutes: float, reach: float) -> None:
-        """Raises InputError without a vehicle, or for a hover too short to tell anything."""
+    def __init__(
+        self,
+        vehicle: Vehicle | None,
+        airframe: Path | None,
+        minutes: float,
+        reach: float,
+        after: list[Path],
+    ) -> None:
+        """`after` are the JSON of flights before. Raises InputError: no vehicle, too short, no such JSON."""
         from coaxlink.fly.split_plan import DWELL_S
 
         if vehicle is None or airframe is None:
@@ -37,6 +44,7 @@ class Split:
             least = 2 * LEVELS * DWELL_S / 60.0
             raise InputError("--minutes", f"{minutes:g}", f"{least:.1f} at least: each split twice")
         self._flight: SplitFlight | None = None
+        self._earlier = tuple(_dwells_in(path) for path in after)
 
     def hover(self, height_m: float) -> FlightPlan:
         """What the vehicle itself is asked to fly."""
@@ -49,6 +57,7 @@ class Split:
         from coaxlink.fly.split_flight import SplitFlight
 
         flight = SplitFlight(session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells)
+        flight.record.earlier = self._earlier
         say(flight.plan.words())
         say("at its end, a limit or your mode change the companion is silent: the split on board flies again")
         self._flight = flight
@@ -66,14 +75,15 @@ class Split:
     def answer(self) -> SplitAnswer:
         """Of what was flown. Raises InputError where that is too little."""
         assert self._flight is not None
-        return self._flight.record.answer(self._flight.plan)
+        return self._flight.record.answer()
 
     def as_json(self) -> dict[str, Any]:
         """The answer, or why there is none."""
         if self._flight is None:
             return {}
-        readings = {"source": "BATTERY_STATUS", "readings": len(self._flight.record.rows)}
+        readings: dict[str, Any] = {"source": "BATTERY_STATUS", "readings": len(self._flight.record.rows)}
         try:
+            readings["dwell_rows"] = self._flight.record.dwells().as_json()
             return {"split": {**self.answer().as_json(), **readings}}
         except InputError as error:
             return {"split": {"why": str(error), **readings}}
@@ -104,3 +114,15 @@ class Split:
             say("then: coaxlink upload tables --connect URL")
         else:
             say("next: nothing to upload, the split on board may stay")
+
+
+def _dwells_in(path: Path) -> Dwells:
+    from coaxlink import files
+    from coaxlink.fly.split_answer import Dwells
+    from coaxlink.fly.split_plan import COLUMNS
+
+    try:
+        return Dwells.of_json(files.read_json(path)["split"]["dwell_rows"], len(COLUMNS))
+    except (KeyError, TypeError, ValueError) as error:
+        problem = f"what `fly --plan split --json` wrote is expected ({error})"
+        raise InputError(path, "split.dwell_rows", problem) from error
