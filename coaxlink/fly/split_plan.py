@@ -88,15 +88,16 @@ class PowerRecord:
 
     def hear(self, message: Any) -> None:
         """Session subscriber."""
-        if math.isnan(self.now_s) or message.get_type() != "BATTERY_STATUS" or message.current_battery < 0:
+        t = self.now_s  # once: it is set on another thread
+        if math.isnan(t) or message.get_type() != "BATTERY_STATUS" or message.current_battery < 0:
             return
         volts = sum(v for v in message.voltages if 0 < v < 65535) / 1e3
         velocity, attitude = self.telemetry.latest("velocity"), self.telemetry.latest("attitude")
         if velocity and attitude:
             roll, pitch, _ = attitude.value
             watts = volts * message.current_battery / 100.0
-            number, level = self.plan.number(self.now_s), self.plan.level(self.now_s)
-            self.rows.append((number, self.now_s, watts, level, velocity.value[2], roll**2 + pitch**2))
+            number, level = self.plan.number(t), self.plan.level(t)
+            self.rows.append((number, t, watts, level, velocity.value[2], roll**2 + pitch**2))
 
     def dwells(self) -> Dwells:
         """One row a dwell; columns: sinking, its rate (what the thrust is beside the weight), tilt squared.

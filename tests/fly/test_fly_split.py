@@ -13,8 +13,9 @@ from pymavlink.dialects.v20 import common as m
 from verb import run
 
 from coaxlink.errors import InputError
-from coaxlink.fly.split_plan import RAMP_S, SplitPlan
+from coaxlink.fly.split_plan import RAMP_S, PowerRecord, SplitPlan
 from coaxlink.mavlink import connect
+from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer.split import SplitLaw, equal_share, split_levels, table_of, upper_share
 from coaxlink.vehicle import Vehicle
 
@@ -39,6 +40,27 @@ def test_the_share_begins_and_ends_on_board_without_a_jump() -> None:
     share = np.array([plan.share(x) for x in t])
     assert share[0] == share[-1] == 0.5
     assert np.abs(np.diff(share)).max() <= 0.2 * 0.011 / RAMP_S
+
+
+def test_nothing_is_kept_before_and_after_the_hover_nor_a_current_that_is_not_measured() -> None:
+    record = PowerRecord(Telemetry(lambda: 0.0), SplitPlan(LEVELS, 0.5, 14))
+
+    def battery(amps: int) -> None:
+        for said in (
+            m.MAVLink_attitude_message(0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0),
+            m.MAVLink_local_position_ned_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25),
+            m.MAVLink_battery_status_message(0, 0, 0, 0, [4000] * 6 + [65535] * 4, amps, 0, 0, 90),
+        ):
+            record.telemetry.hear(said)
+            record.hear(said)
+
+    battery(5000)
+    record.now_s = 13.0
+    battery(5000)
+    battery(-1)
+    record.now_s = float("nan")
+    battery(5000)
+    assert record.rows == [(1, 13.0, pytest.approx(24.0 * 50.0), 0.55, 0.25, pytest.approx(0.01))]
 
 
 @pytest.fixture(scope="module")
