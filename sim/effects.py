@@ -172,7 +172,10 @@ def _vibration(plant: Plant, e: HiddenEffect) -> None:
 
 
 def _power_module(plant: Plant, e: HiddenEffect) -> None:
-    plant.sensing.power_module = PowerModule(1.0 + e.size, **e.extra)
+    x = e.extra.get
+    plant.sensing.power_module = PowerModule(
+        1.0 + e.size, x("offset_A", 0.0), x("delay_s", 0.0), x("noise_A", 0.0), x("step_A", 0.0)
+    )
 
 
 def _strange(plant: Plant, e: HiddenEffect) -> None:

@@ -42,8 +42,8 @@ def fly(
     ] = 0.3,
     minutes: Annotated[float, typer.Option(min=0.1, max=60.0, help="Of hover, for the plan `split`.")] = 10.0,
     split_reach: Annotated[
-        float, typer.Option(min=0.01, max=0.2, help="`split`: so far to both sides of the share on board.")
-    ] = 0.08,
+        float, typer.Option(min=0.01, max=0.15, help="`split`: so far to both sides of the share on board.")
+    ] = 0.12,
     after: Annotated[
         list[Path] | None,
         typer.Option(metavar="FLY.json", help="`split`: goes on from this flight, with a fresh pack."),

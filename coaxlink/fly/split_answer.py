@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from coaxlink.errors import InputError
 
 LEVEL = 0.95  # of all intervals
-BEND_LEVEL = 0.99  # at which a cubic is believed
+DEGREE = 4  # of the share's polynomial at most
+BEND_LEVEL = 0.95  # at which a power above the parabola is believed: one too few biases, one too many widens
 DRIFT_S = 240.0  # one more power of time for so long a hover: packs and motors warm over minutes
 SPARE = 6  # rows beyond the columns, below which no variance is believed
 CORRELATIONS = np.linspace(0.0, 0.8, 17)
@@ -144,10 +145,7 @@ def best_split(dwells: Dwells, on_board: float) -> SplitAnswer:
     Raises InputError where too few dwells or shares were flown, or `on_board` is not among them.
     """
     low, high = _flown_range(dwells, on_board)
-    fit = _Fit(dwells, on_board, 2)
-    cubic = _Fit(dwells, on_board, 3) if len(np.unique(dwells.share)) > 4 else None
-    if cubic is not None and abs(cubic.beta[2]) > _t(BEND_LEVEL, cubic.spare) * cubic.error(2):
-        fit = cubic
+    fit = _fitted(dwells, on_board)
     shares = np.linspace(low, high, GRID)
     powers = np.vander((shares - on_board) / fit.unit, fit.degree + 1, increasing=True)[:, 1:]
     best, saved = _least(powers @ fit.beta, shares)
@@ -174,6 +172,18 @@ def best_split(dwells: Dwells, on_board: float) -> SplitAnswer:
     )
 
 
+def _fitted(dwells: Dwells, on_board: float) -> _Fit:
+    """A parabola, or the highest power up to DEGREE that its own coefficient shows; two levels are spare."""
+    fit = _Fit(dwells, on_board, 2)
+    for degree in range(3, min(DEGREE, len(np.unique(dwells.share)) - 2) + 1):
+        if len(dwells.watts) - degree - fit.others < SPARE:
+            break
+        higher = _Fit(dwells, on_board, degree)
+        if abs(higher.beta[-1]) > _t(BEND_LEVEL, higher.spare) * higher.error(degree - 1):
+            fit = higher
+    return fit
+
+
 class _Fit:
     """Generalised least squares of a polynomial of the share, about the share on board, and drift columns."""
 
@@ -183,6 +193,7 @@ class _Fit:
         form = np.vander((dwells.share - on_board) / self.unit, degree + 1, increasing=True)[:, 1:]
         drift = _drift(dwells)
         design = np.column_stack([form, np.ones(n), drift])
+        self.others = design.shape[1] - degree
         self.spare = n - design.shape[1]
         if self.spare < SPARE:
             problem = f"{n} dwells for {design.shape[1]} columns: {SPARE} more are needed at least"
