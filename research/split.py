@@ -6,8 +6,10 @@ FOLDER holds the coaxial maps of the shared data (default: ../shared/data/coax b
 map: battery watts over the upper rotor's share at constant thrust by a surface through its raw rows (as
 `real_pairs` has it), as a world of twelve minutes with gusts of 1 m/s, a pack and windings that drift, and a
 bad power module (`tests/helpers/split_world`). Within a reach of 0.12 the intervals hold; at 0.24 the maps
-bend more than the polynomial and they do not, so `fly` stops at 0.15. The hover itself is simulated by its power alone: no autopilot
-is flown here. `--small` takes seconds: a world of momentum theory, 20 flights.
+bend more than the polynomial and they do not, so `fly` stops at 0.15. The hover itself is simulated by its
+power alone: no autopilot is flown here.
+
+`--small` takes seconds: a world of momentum theory, 20 flights.
 """
 
 from __future__ import annotations
