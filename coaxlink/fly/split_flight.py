@@ -14,7 +14,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.errors import CheckFailed, SafetyRefusal
+from coaxlink.errors import SafetyRefusal
+from coaxlink.fly.flight import OverLimit
 from coaxlink.fly.split_plan import POWER_HZ, PowerRecord, SplitPlan
 from coaxlink.live.bridge import BridgeEnd, board_factors
 from coaxlink.live.mixer import LiveMixer
@@ -89,8 +90,8 @@ class SplitFlight:
                 end()
 
     def watch(self, t: float) -> None:
-        """Move the split to where it is at `t` s of the plan. Raises what the mixer failed by."""
+        """Move the split to where it is at `t` s of the plan. Raises OverLimit where the mixer gave up."""
         if self.mixer.failed.is_set():
-            raise self.mixer.error or CheckFailed("live mixing stopped itself")
+            raise OverLimit(f"flight ended and landed: live mixing stopped itself: {self.mixer.error}")
         self.law.share = self.plan.share(t)
         self.record.now_s = t if self.mixer.state == "live" else math.nan
