@@ -5,7 +5,7 @@ import pytest
 from split_world import World, hover
 
 from coaxlink.errors import InputError
-from coaxlink.fly.split_answer import Dwells, best_split, dwells_of
+from coaxlink.fly.split_answer import Dwells, best_split, dwells_of, joined
 
 FLIGHTS, HELD = 60, 53  # 95 % of 60 are fewer than this once in a hundred
 WORLD = World(lower_efficiency=0.8, wake=0.3)
@@ -34,6 +34,21 @@ def test_least_and_saving_lie_in_their_intervals_in_19_of_20(off):
     if off == 0.0:
         assert sum(not a.worth_it for a in answers) >= HELD
         assert "nothing to gain" in next(a for a in answers if not a.worth_it).words()
+
+
+def test_another_pack_is_another_level_and_the_rows_survive_a_file():
+    order = np.resize(np.concatenate([np.linspace(0.45, 0.65, 5), np.linspace(0.65, 0.45, 5)]), 30)
+    parts = []
+    for seed, more in ((1, 0.0), (2, 150.0)):
+        t, watts, share, up, _ = hover(WORLD, order, 12.0, np.random.default_rng(seed))
+        parts.append(dwells_of(t // 12.0, t, watts + more, share, 3.0, {"load": (1.0 + up / 9.81) ** 1.5}))
+    read = [Dwells.of_json(part.as_json(), 1) for part in parts]
+    both = best_split(joined(read), 0.55)
+    assert both.dwells == 60
+    assert both.share == pytest.approx(WORLD.least(0.45, 0.65), abs=0.03)
+    assert both.scatter < 40.0  # 150 W more in the second flight are no scatter
+    with pytest.raises(ValueError, match="numbers"):
+        Dwells.of_json(parts[0].as_json(), 3)
 
 
 def test_a_wrong_scale_changes_the_watts_and_not_the_share():
