@@ -1,3 +1,3 @@
 """The version, for rooms that may not import the package itself."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -22,17 +22,37 @@ LEFT_OUT = {
     "threadpoolctl": "threadpoolctl",
 }
 
+ALL_OF_IT = "for all of it put coaxlink in place of coaxlink-companion (docs/install.md)"
+
 
 def absent(error: ImportError, verb: str) -> InputError | None:
     """The error in words, if it is about a package that may well be missing; else None: a fault of ours."""
     name = (error.name or "").partition(".")[0]
     if name == "sim":
-        return InputError(verb, "", "this light install has no simulated world: pip install coaxlink has it")
+        return InputError(
+            verb, "", f"this light install has no simulated world: pip install coaxlink; {ALL_OF_IT}"
+        )
     if name not in LEFT_OUT:
         return None
     package = LEFT_OUT[name]
-    problem = f"{package} is needed, which this light install leaves out: pip install {package}"
-    return InputError(verb, "", f"{problem}, or all of coaxlink")
+    others = [one for one in lacking() if one != package]
+    beside = f", as it does {', '.join(others)}" if others else ""
+    problem = f"{package} is needed, which this light install leaves out{beside}"
+    return InputError(verb, "", f"{problem}: pip install {package}, or {ALL_OF_IT}")
+
+
+def lacking() -> list[str]:
+    """Names of the packages of a whole install that are not here."""
+    return sorted({package for module, package in LEFT_OUT.items() if not _is_here(module)})
+
+
+def _is_here(module: str) -> bool:
+    from importlib.util import find_spec
+
+    try:
+        return find_spec(module) is not None
+    except ImportError:
+        return False
 
 
 def refuse_windows(verb: str) -> None:

@@ -55,6 +55,7 @@ class Airframe:
     source: Path | None = None
     battery_Wh: float | None = None  # what a flight may use of the pack
     sources: Mapping[str, Source] = field(default_factory=dict)  # key -> where its number is from
+    connect: str = ""  # where it is called when no connection is named; no property of the body
 
     def source_of(self, key: str) -> Source:
         """Where a number is from; what the file says nothing of is declared."""
@@ -187,6 +188,13 @@ class _Sources(BaseModel):
     rotors: Annotated[Source | None, Field(description="Of the rotors' places, spins and levels.")] = None
 
 
+class _Defaults(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    connect: Annotated[
+        str | None, Field(description="Where the vehicle is called when no connection is named.")
+    ] = None
+
+
 class _AirframeFile(BaseModel):
     model_config = ConfigDict(title="coaxlink airframe", extra="forbid")
     name: Annotated[Name, Field(description="Names the vehicle in files and reports.")]
@@ -210,6 +218,9 @@ class _AirframeFile(BaseModel):
     sources: Annotated[
         _Sources | None,
         Field(description="Where the numbers are from; what it does not name is declared."),
+    ] = None
+    defaults: Annotated[
+        _Defaults | None, Field(description="What is the same at every call (docs/connections.md).")
     ] = None
     rotors: Annotated[
         list[_RotorTable],
@@ -247,6 +258,7 @@ def load_airframe(path: str | Path) -> Airframe:
     return Airframe(
         parsed.name, parsed.mass_kg, parsed.inertia_kg_m2, rotors, parsed.motor_lag_s, model, path,
         parsed.battery_Wh, parsed.sources.model_dump(exclude_none=True) if parsed.sources else {},
+        (parsed.defaults and parsed.defaults.connect) or "",
     )  # fmt: skip
 
 

@@ -291,9 +291,8 @@ def made_map(path: Path, seed: int = 1) -> Path:
         current = np.where(torque < 0.0, np.maximum(current, 0.0), current)  # no braking
         w = np.maximum(w + 0.02 * top * np.clip(kv * current - torque - friction, -1.0, 1.0), 0.0)
         amps = np.maximum(current, 0.0) * command
-    names = (
-        "PWM {0}", "Thrust {0} [g]", "Torque {0} [Nm]", "Voltage {0} [V]", "Current {0} [A]", "Speed {0} [rpm]",
-    )  # fmt: skip
+    names = ("PWM {0}", "Thrust {0} [g]", "Torque {0} [Nm]", "Voltage {0} [V]", "Current {0} [A]")
+    names += ("Speed {0} [rpm]",)
     head = [n.format(side) for n in names for side in ("Left", "Right")]
 
     def noise(size: float) -> Array:
@@ -313,18 +312,24 @@ def made_map(path: Path, seed: int = 1) -> Path:
 
 def show(rows: list[Row]) -> None:
     """The table."""
-    print(
-        "| map | hover N | W map | compare | best split | fitted | exact | flown f, e | verdicts s; f; e | s |"
-    )
+    print("| map | hover N | W map | compare | best split | fitted | exact | flown | verdicts | s |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for r in rows:
         flown = ", ".join(_percents(r.flown[law]) for law in ("fitted", "exact") if law in r.flown)
         off = ", ".join(f"{100 * (a / b - 1):+.1f}" for a, b in zip(r.standard_W, r.map_W, strict=True))
+        best = f"{_percents(r.best)} ({_percents(r.apart)})"
         cells = [
-            r.name, f"{r.weight_N:.0f}", f"{r.map_W[0]:.0f}, {r.map_W[1]:.0f}", f"{off} %", f"{_percents(r.best)} ({_percents(r.apart)})",
-            _percents(r.fitted), _percents(r.exact), flown, "; ".join(r.verdicts.values()),
+            r.name,
+            f"{r.weight_N:.0f}",
+            f"{r.map_W[0]:.0f}, {r.map_W[1]:.0f}",
+            f"{off} %",
+            best,
+            _percents(r.fitted),
+            _percents(r.exact),
+            flown,
+            "; ".join(r.verdicts.values()),
             ", ".join(f"{s:.1f}" for s in r.seconds.values()),
-        ]  # fmt: skip
+        ]
         print(f"| {' | '.join(cells)} |")
         for problem in r.problems:
             print(f"|   | {problem} |")

@@ -30,6 +30,7 @@ KEYS = (
     "attitude_loop",
     "rotors",
     "sources",  # of the owner's numbers; the world's are the file's
+    "defaults",  # of the owner's calls
 )
 ROTOR_KEYS = ("number", "position_m", "spin", "level", "pair", "axis")
 

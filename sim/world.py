@@ -23,10 +23,11 @@ from sim.physics.rotors import read_pair
 from sim.px4.coax_module import CoaxFirmware
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
-from sim.vehicle import read_vehicle
+from sim.vehicle import SimVehicle, read_vehicle
 
 CURRENT = (1, 16, 1)
 OLDEST = (1, 13)  # before it there are no CA_ parameters
+NEW_TABLE, NEW_ROTORS, OLD_ROTORS = (1, 14, 0), 12, 8  # CA_ROTOR_COUNT at the most
 LAST_PATCH = {(1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
 # where PX4's own simulation sends: a ground station and a companion
 SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
@@ -85,6 +86,7 @@ def build(
     faults = parse_faults(world.wire) if world.wire else None
     uid = read_uid(world.uid) if world.uid else Autopilot.uid
     plant, truth = build_plant(world)
+    _refuse_frame(world, plant.vehicle, ardupilot, version)
     common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed, "clock": clock}
     common["lockstep"] = world.lockstep
     common["key"] = None if world.signing_key is None else read_key(world.signing_key)
@@ -108,6 +110,20 @@ def build(
     autopilot.files.make("etc")
     common["memory"] = _memory(world.memory, autopilot, clock, lazy=True)
     return Standin(autopilot, ports, **common)
+
+
+def _refuse_frame(world: World, vehicle: SimVehicle, ardupilot: bool, version: tuple[int, int, int]) -> None:
+    """Raises WorldError for rotors that the firmware has no frame for."""
+    if ardupilot:
+        from sim.ardupilot.frame import own_frame, why_none
+
+        if own_frame(vehicle) is None:
+            raise WorldError(world.airframe, "rotors", why_none(vehicle))
+        return
+    most = NEW_ROTORS if version >= NEW_TABLE else OLD_ROTORS
+    if vehicle.rotors > most:
+        name = ".".join(map(str, version))
+        raise WorldError(world.airframe, "rotors", f"PX4 {name} holds {most}, found {vehicle.rotors}")
 
 
 def _memory(path: Path | None, autopilot: Any, clock: Clock, *, lazy: bool) -> Memory | None:

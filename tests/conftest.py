@@ -18,6 +18,34 @@ settings.load_profile("any machine")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 KEY = bytes(range(32))
+POSIX = {
+    "fcntl",
+    "pty",
+    "resource",
+    "termios",
+    "tty",
+}  # what Windows lacks: `sim` needs it, and some tests do
+try:
+    import fcntl  # noqa: F401
+except ImportError:
+    collect_ignore = [
+        "cli/test_cli_exit_codes.py",
+        "hostile/test_hostile_fuzz.py",
+        "live/test_live_real.py",
+        "mavlink/test_mavlink_real_lines.py",
+        "test_files_private.py",
+    ]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Where the simulated world cannot run, its tests skip, saying so."""
+    try:
+        return (yield)
+    except ModuleNotFoundError as error:
+        if error.name not in POSIX:
+            raise
+        pytest.skip(f"needs {error.name}, which this system lacks")
 
 
 def pytest_collection_modifyitems(items):

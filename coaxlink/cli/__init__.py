@@ -1,57 +1,56 @@
 """The verbs, a module each. stdout is data, stderr is talk, exit codes are fixed (see coaxlink.errors).
 
-A verb module defines `register(app)`; it imports what is slow inside its functions, so that
-`coaxlink --help` and the live path start fast.
+A verb is the function of its module's name, and has its line in `shared.verbs`. Its module is loaded when it
+is called; what is slow it imports inside its functions, so that `VERB --help` and the live path start fast.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
-import pkgutil
 import sys
 from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
-import coaxlink
 from coaxlink import _interrupts
 from coaxlink.cli.shared.shell import interrupted, run
+from coaxlink.cli.shared.verbs import Verbs
 
 
 @functools.cache
 def build_app() -> typer.Typer:
-    """The command line with every verb found in this package."""
+    """The command line with every verb."""
     app = typer.Typer(
+        cls=Verbs,
         help="Make the lower rotors of coaxial multirotors pull their weight.",
         no_args_is_help=True,
+        invoke_without_command=True,  # --version needs none
+        subcommand_metavar="VERB [ARGS]...",
         add_completion=True,
         context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
     app.callback()(_options)
-    for module in pkgutil.iter_modules(__path__):
-        if not module.ispkg:  # what verbs share
-            importlib.import_module(f"{__name__}.{module.name}").register(app)
     return app
 
 
-def _version(requested: bool) -> None:
-    if requested:
-        sys.stdout.write(f"coaxlink {coaxlink.__version__}\n")
-        raise typer.Exit
-
-
 def _options(
-    version: Annotated[
-        bool,
-        # eager: it is an answer of its own, no verb need follow
-        typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True),
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="With --version: the system and all packages, for a report.")
     ] = False,
 ) -> None:
+    if version:
+        from coaxlink.cli.shared.about import lines
+
+        sys.stdout.write("".join(f"{line}\n" for line in lines(verbose=verbose)))
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        context.fail("Missing command.")
     _interrupts.begin()  # the line is understood as far as the verb
 
 

@@ -70,13 +70,13 @@ def report(
     if board and differs:
         findings += check_against(frame, board)
     out = console()
-    fits = board and len(board.mounts) == len(frame.rotors)
-    out.print(draw(frame, board if fits else None), markup=False)
     for finding in findings:
         out.print(f"{finding.severity}: {finding}", markup=False)
     if not findings:
         against = f", and {board.source} has the same rotors" if board and differs else ""
         out.print(f"nothing to mend: {_checked(frame)}{against}", markup=False)
+    fits = board and len(board.mounts) == len(frame.rotors)
+    out.print(draw(frame, board if fits else None), markup=False)
     if model is None:
         say("no rotor model given: thrust against weight was not checked")
     if picture:
@@ -117,8 +117,3 @@ def _checked(frame: Airframe) -> str:
     if source in UNKNOWN:
         return f"lengths, pairs, spins and balance fit; the inertia is {source}, which checks nothing"
     return "lengths, pairs, spins, balance and inertia fit"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("airframe", short_help="Draw a vehicle and say what looks wrong.")(airframe)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli.shared.completion import laws
 from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
@@ -30,7 +31,9 @@ REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is demanded of no vehicle that t
 
 def allocate(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
-    law: Annotated[str, typer.Option(help="standard, reduced, coaxial, exact, ...")] = "coaxial",
+    law: Annotated[
+        str, typer.Option(help="standard, reduced, coaxial, exact, ...", autocompletion=laws)
+    ] = "coaxial",
     wrench: Annotated[str, typer.Option(metavar="F,TX,TY,TZ", help="Thrust (up) in N, then N m, FRD.")] = "",
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     law_rotor: Annotated[
@@ -58,6 +61,7 @@ def allocate(
     from rich.table import Table
 
     out = console()
+    out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
     table = Table("rotor", "speed", "thrust N", "torque N m", "", box=None)
     for i, placed in enumerate(true.airframe.rotors):
         at = "at its bound" if result.saturated[i] else ""
@@ -70,7 +74,6 @@ def allocate(
         row = plain(result.wrench[k]), plain(result.delivered[k]), f"{figure(result.error[k])}{gave_up}"
         table.add_row(f"{axis} {unit}", *row)
     out.print(table)
-    out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
     refuse_out_of_reach(result, exact=law == "exact" and not law_rotor)
 
 
@@ -116,10 +119,3 @@ def parse_wrench(text: str) -> list[float]:
     if len(numbers) != 4 or not all(abs(n) < float("inf") for n in numbers):
         raise InputError("--wrench", text or "(not given)", "four finite numbers F,TX,TY,TZ expected")
     return numbers
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("allocate", short_help="Allocate one wrench: speeds, thrusts, torques, what is left.")(
-        allocate
-    )

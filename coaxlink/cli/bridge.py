@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli.shared.completion import FIRMWARES, one_of
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
 from coaxlink.cli.shared.shell import say
 
@@ -14,7 +15,9 @@ from coaxlink.cli.shared.shell import say
 def bridge(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")] = Path("bridge"),
-    firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")] = "ardupilot",
+    firmware: Annotated[
+        str, typer.Option(help="px4 or ardupilot.", autocompletion=one_of(*FIRMWARES))
+    ] = "ardupilot",
     rotor: Annotated[Path | None, typer.Option(help="PX4: rotor model, if not the airframe's own.")] = None,
     connect: Annotated[
         str, typer.Option(metavar="URL", help="PX4: also put etc/extras.txt on the board's SD card.")
@@ -77,10 +80,3 @@ def _take_off_the_card(url: str) -> None:
         was = card.remove_extras(session)
     gone = f"{card.PATH} is off the card" if was else f"there was no {card.PATH}"
     say(f"{gone}: PX4's own control allocator flies from the next boot on")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("bridge", short_help="Write what runs on the autopilot: a PX4 module or a Lua script.")(
-        bridge
-    )

@@ -131,8 +131,3 @@ def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
         files.write_json(json, row)
     say(f"wrote {cell_folder}: airframe.toml, its rotors, truth.toml, flight.csv")
     say(f"next: coaxlink refine {cell_folder / 'flight.csv'} --airframe {cell_folder / 'airframe.toml'}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("campaign", short_help="Fly a campaign of simulated flights; stopped, it goes on.")(campaign)

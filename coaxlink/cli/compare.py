@@ -155,8 +155,3 @@ def _cells(row: Row) -> list[str]:
     errors = [figure(e) for e in row.mean_error]
     reach = f"{row.ceiling_N:.0f}", f"{row.yaw_Nm:.2f}"
     return [row.label, *errors, f"{row.power:.4f}", f"{row.efficiency_N_W:.4f}", *reach]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("compare", short_help="Say what a table is worth to a pilot; weigh all laws.")(compare)

@@ -50,8 +50,3 @@ def demo(
     for line in read_on(page, out):
         screen.print(line, soft_wrap=True)
     say(f"again with the same hidden effect: coaxlink demo --seed {chosen}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("demo", short_help="Identify, make tables, upload and fly them side by side.")(demo)

@@ -82,8 +82,3 @@ def _about(path: Path) -> str:
     said = said[1:] if said and said[0].startswith(_SAID_OF_ALL) else said
     # a sentence ends where the next begins: "18.5 x 6.3 in" and "eq. 17" go on
     return re.split(r"(?<=\.) (?=[A-Z])", " ".join(said))[0]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("examples", short_help="List the shipped files, or copy them here.")(examples)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.line import address_of, introduced
 from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.cli.shared.stand import at_a_terminal
-from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
+from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
 
 if TYPE_CHECKING:
     from coaxlink.cli.shared.split import Split
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def fly(
-    connect: ConnectOption,
+    connect: VehicleConnectOption = None,
     plan: Annotated[
         str,
         typer.Option(
@@ -81,6 +81,7 @@ def fly(
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     body = _vehicle_files(airframe, rotor)
+    connect = address_of(connect, airframe)
     split = Split(body, airframe, minutes, split_reach, after or []) if plan == SPLIT else None
     planned = (
         split.hover(height) if split
@@ -296,8 +297,3 @@ def _refine(path: Path, airframe: Path, rotor: Path | None, out: Path) -> None:
         refine([path], airframe=airframe, rotor=rotor, out=model, json=answer)
     except CheckFailed as unjudged:  # the flight was flown and its log is here: that much was asked for
         say(str(unjudged))
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("fly", short_help="Fly a plan within limits of its own.")(fly)

@@ -152,8 +152,3 @@ def _fleet(
     unjudged = [name for name, result in found.items() if result.reasons]
     if unjudged:
         raise CheckFailed(f"not judged: {', '.join(unjudged)}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("health", short_help="Judge every rotor over one flight or many.")(health)

@@ -86,10 +86,13 @@ def identify(
     blades: BladesOption = 2,
     airframe: AirframeOption = None,
     rotor: PriorOption = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Print terms, every form's errors and all remarks, too.")
+    ] = False,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG, SVG, PDF).")] = None,
     report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
-    """Identify a rotor model from stand logs: terms, intervals and held-out errors.
+    """Identify a rotor model from stand logs: loads, drive and battery watts, with held-out errors.
 
     Without a stand, --single makes a first model of a pair from a table of one rotor, and flight logs with
     --airframe and --rotor update it (docs/no_stand.md).
@@ -134,7 +137,7 @@ def identify(
     results = [run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options) for samples in read]
     checks = [check_log(result, diameter) for result in results]
     for result, checked in zip(results, checks, strict=True):
-        _print(result, checked)
+        _print(result, checked, every)
     if out:
         _save([result.model for result in results], out, co_rotating)
     if json:
@@ -153,20 +156,27 @@ def _read(logs: list[Path], how: StandOptions, joined: bool) -> list[Samples]:
     return [join(read)] if joined else read
 
 
-def _print(result: Identification, checks: LogChecks) -> None:
-    from coaxlink.report.identify import remarks, sentence, tables
+def _print(result: Identification, checks: LogChecks, every: bool) -> None:
+    from coaxlink.report.identify import answer, drive_lines, remarks, sentence, tables
 
     say(f"{result.data.samples.source}: {result.data.samples.rows} rows")
-    for line in checks.odd:
-        say(f"! {line}")
-    for line in checks.covers:
-        say(f"- {line}")
     screen = console()
     screen.print(sentence(result))
+    screen.print(answer(result))
+    for line in drive_lines(result):
+        screen.print(line)
+    for line in (*result.warnings, *checks.odd):
+        say(f"! {line}")
+    if not every:
+        say("terms, forms and remarks: --all, --report or --json")
+        return
+    for line in checks.covers:
+        say(f"- {line}")
     for table in tables(result):
         screen.print(table)
     for remark in remarks(result):
-        say(f"- {remark}")
+        if remark not in result.warnings:  # said above
+            say(f"- {remark}")
 
 
 def _save(models: list[RotorModel], out: Path, co_rotating: bool) -> None:
@@ -219,8 +229,3 @@ def _numbered(path: Path, count: int) -> list[Path]:
     if count == 1:
         return [path]
     return [path.with_name(f"{path.stem}_{i}{path.suffix}") for i in range(1, count + 1)]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("identify", short_help="Identify a rotor model from stand logs, or from flights.")(identify)

@@ -145,8 +145,3 @@ def _inertia(text: str) -> tuple[float, float, float] | None:
     except ValueError as error:
         raise InputError("--inertia", text, "three numbers with commas between are expected") from error
     return xx, yy, zz
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("init", short_help="Make a vehicle file from a board, a log or a template.")(init)

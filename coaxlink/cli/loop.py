@@ -78,8 +78,3 @@ def _refuse_untrue(truth: Path) -> None:
     files.read_toml(truth)
     with world_errors():
         read_truth(truth)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("loop", short_help="Fly, refine, make a new table, fly again.")(loop)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli.shared.completion import laws
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
-from coaxlink.cli.shared.line import introduced, tell_news
+from coaxlink.cli.shared.line import address_of, introduced, tell_news
 from coaxlink.cli.shared.next import unanswered
 from coaxlink.cli.shared.shell import JsonOption, figure, say
-from coaxlink.cli.upload import SigningOption, SystemOption
+from coaxlink.cli.upload import SigningOption, SystemOption, VehicleConnectOption
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
@@ -33,10 +34,10 @@ SAYS = {"bridge": "own count", "outputs": "outputs", "timesync": "answers on the
 
 def mix(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
-    connect: Annotated[
-        str, typer.Option(metavar="URL", help="udpin:0.0.0.0:14540, tcp:..., /dev/tty...,baud")
-    ],
-    law: Annotated[str, typer.Option(help="standard, reduced, coaxial, exact, ...")] = "exact",
+    connect: VehicleConnectOption = None,
+    law: Annotated[
+        str, typer.Option(help="standard, reduced, coaxial, exact, ...", autocompletion=laws)
+    ] = "exact",
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     rate: Annotated[float, typer.Option(min=1, max=1000, help="Demands a second to ask for.")] = 250.0,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop by itself after this long.")] = None,
@@ -74,6 +75,7 @@ def mix(
     from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
+    where = address_of(connect, airframe)
     sys.setswitchinterval(SWITCH_S)
     vehicle, _ = vehicle_of(airframe, rotor, measured_live=True)  # the rest is measured in flight
     say_effects(vehicle)
@@ -83,7 +85,7 @@ def mix(
     chosen.speeds([GRAVITY_M_S2 * frame.mass_kg, 0.0, 0.0, 0.0])
     log = record / "mix.tlog" if record else None
     with (
-        open_session(connect, target_system=system, signing_key=signing_key, record=log) as line,
+        open_session(where, target_system=system, signing_key=signing_key, record=log) as line,
         introduced(line) as session,
     ):
         alone(session)
@@ -225,8 +227,3 @@ def _lost(arrival: dict[str, Any]) -> str:
         f"{exact}{arrival['never_arrived']} of {arrival['sent']} motor commands never arrived "
         f"({100 * arrival['share']:.0f} %, by the vehicle's {SAYS[arrival['by']]})"
     )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("mix", short_help="Mix live: answer every demand of the autopilot.")(mix)

@@ -21,18 +21,17 @@ if TYPE_CHECKING:
     from coaxlink.premises.answer import Reason
     from coaxlink.vehicle import Vehicle
 
+LISTENS = "udpin:0.0.0.0:14550"
 _SERVED = "TEXTUAL_DRIVER" in os.environ  # by textual-serve, to a browser
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("monitor", short_help="Show thrust and split of every arm, live or replayed.")(monitor)
 
 
 def monitor(
     connect: Annotated[
-        str, typer.Option("--connect", metavar="URL", help="Where to listen.")
-    ] = "udpin:0.0.0.0:14550",
+        str | None,
+        typer.Option(
+            "--connect", metavar="URL", help=f"Where to listen (default: the airframe's, or {LISTENS})."
+        ),
+    ] = None,
     airframe: Annotated[
         Path | None,
         typer.Option("--airframe", metavar="FILE", help="Airframe TOML (default: the paper's X8)."),
@@ -72,6 +71,7 @@ def monitor(
 
         raise InputError(replay, "", "--airframe is needed: a recording does not say whose flight it is")
     vehicle = _vehicle(airframe, rotor)
+    connect = connect or vehicle.declared.connect or LISTENS
     player = None if replay is None else _player(replay, speed, start)
     if player is None:
         check_address(connect)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.line import address_of, introduced
 from coaxlink.cli.shared.shell import JsonOption, say
-from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
+from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _OFF = "they are off"
 
 def motors(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
-    connect: ConnectOption,
+    connect: VehicleConnectOption = None,
     numbers: Annotated[
         list[int] | None, typer.Argument(metavar="[NUMBER]...", help="Rotors to turn; all of them if none.")
     ] = None,
@@ -53,6 +53,7 @@ def motors(
     for output in (out, json_file):
         files.refuse_unwritable(output)
     frame = load_airframe(airframe)
+    connect = address_of(connect, airframe)
     with (
         open_session(
             connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
@@ -142,8 +143,3 @@ def _write(out: Path, change: Mending, *, px4: bool) -> None:
     else:
         ardupilot.write_param_file(out, {n: float(v) for n, v in values.items()}, header)
     say(f"wrote {out}: load it with the ground station, then turn the motors again")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("motors", short_help="Turn each motor on the bench; say what to change.")(motors)

@@ -201,8 +201,3 @@ def _write_plan(path: Path, result: Refinement) -> None:
     head = "".join(f"# {line}\n" for line in experiments[0].text.split("; "))
     files.write_atomic(path, head + tomli_w.dumps(experiments[0].document()))
     say(f"{path}: {experiments[0].text}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("refine", short_help="Find what the model lacks in measured data, and add it.")(refine)

@@ -54,8 +54,3 @@ def report(
     else:
         rotors = f" --rotor {rotor}" if rotor else ""
         say(f"next: coaxlink refine {logs[0]} --airframe {airframe}{rotors} says why thrust or torque is off")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("report", short_help="Draw a flight log, or two, as one page.")(report)

@@ -35,8 +35,3 @@ def reproduce(
         files.write_atomic(markdown, paper.markdown(ledger))
     if json_file:
         files.write_json(json_file, ledger.to_json())
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("reproduce", short_help="Recompute what the paper prints.")(reproduce)

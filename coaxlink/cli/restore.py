@@ -67,8 +67,3 @@ def restore(
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.restore(saved, dry_run=dry_run, everything=everything)
     finish(outcome, json_file)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("restore", short_help="Undo an upload from its backup.")(restore)

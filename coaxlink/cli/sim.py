@@ -14,13 +14,20 @@ import typer
 
 from coaxlink import files
 from coaxlink.absent import refuse_windows
+from coaxlink.cli.shared.completion import FIRMWARES, one_of
 from coaxlink.cli.shared.next import on_simulator
 from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError, LinkError
 
 
 def sim(
-    firmware: Annotated[str, typer.Option(help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH or ardupilot.")] = "px4",
+    firmware: Annotated[
+        str,
+        typer.Option(
+            help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH or ardupilot.",
+            autocompletion=one_of(*FIRMWARES, "px4:1.13"),
+        ),
+    ] = "px4",
     airframe: Annotated[Path | None, typer.Option(help="The world's vehicle.")] = None,
     rotor: Annotated[Path | None, typer.Option(help="The world's rotor; else the airframe's.")] = None,
     truth: Annotated[Path | None, typer.Option(help="Effects and faults that are true here.")] = None,
@@ -95,7 +102,6 @@ def sim(
             return
         from sim.world import World, build, build_bridge, open_links
 
-        _say_bent(airframe or files.example("x8_demo.toml"), rotor)
         world = World(
             airframe or files.example("x8_demo.toml"),
             rotor,
@@ -130,15 +136,6 @@ def sim(
         finally:
             for port in ports:
                 port.close()
-
-
-def _say_bent(airframe: Path, rotor: Path | None) -> None:
-    """Motors of the world turn as commanded, whatever the stand's did. Raises WorldError."""
-    from sim.vehicle import read_vehicle
-
-    file = rotor or read_vehicle(airframe).rotor_file
-    if file and file.is_file() and "rpm_over_throttle" in file.read_text(errors="replace"):
-        say(f"{file}: rpm_over_throttle is left out: the world's motors turn as commanded")
 
 
 def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:
@@ -260,8 +257,3 @@ def world_errors() -> Iterator[None]:
         raise InputError(error.source, error.where, error.problem) from error
     except PortError as error:
         raise LinkError(error.address, error.problem) from error
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("sim", short_help="Fly a simulated autopilot, or measure a simulated stand.")(sim)

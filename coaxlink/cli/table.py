@@ -12,6 +12,7 @@ import typer
 
 from coaxlink import files
 from coaxlink.cli.shared import table_views
+from coaxlink.cli.shared.completion import FIRMWARES, TABLE_LAWS, one_of
 from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
@@ -33,15 +34,16 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
     from firmware_params.ardupilot.table import ApTable
 
-FIRMWARES = ("px4", "ardupilot")
-
 
 def table(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
-    firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")],
+    firmware: Annotated[str, typer.Option(help="px4 or ardupilot.", autocompletion=one_of(*FIRMWARES))],
     law: Annotated[
         str | None,
-        typer.Option(help="fitted, reduced, standard or curved; else by the margins (docs/mixers.md)."),
+        typer.Option(
+            help="fitted, reduced, standard or curved; else by the margins (docs/mixers.md).",
+            autocompletion=one_of(*TABLE_LAWS),
+        ),
     ] = None,
     share: Annotated[
         float | None,
@@ -198,8 +200,3 @@ def _write(out: Path, vehicle: Vehicle, rotors: Path, report: TableReport | ApRe
     written = write_table(out, vehicle.airframe, rotors, report)
     keep_vehicle(out, vehicle, rotors)
     return written
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("table", short_help="Write a mixer table and say what the firmware makes of it.")(table)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.line import address_of, introduced
 from coaxlink.cli.shared.next import after_upload
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 ConnectOption = Annotated[
     str, typer.Option(metavar="URL", help="Where the vehicle is, udpin:0.0.0.0:14550 ...")
+]
+VehicleConnectOption = Annotated[
+    str | None,
+    typer.Option(metavar="URL", help="Where it is, udpin:0.0.0.0:14550 ..., if its file does not say."),
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show the difference and write nothing.")]
@@ -36,7 +40,7 @@ def upload(
     source: Annotated[
         Path, typer.Argument(metavar="DIR", help="What `coaxlink table` wrote, or one file of parameters.")
     ],
-    connect: ConnectOption,
+    connect: VehicleConnectOption = None,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
     json_file: JsonOption = None,
@@ -61,13 +65,14 @@ def upload(
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
-    from coaxlink.cli.shared.rate_loops import said_first
+    from coaxlink.cli.shared.rate_loops import kept_airframe, said_first
     from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.outcome import REFUSED, VERIFIED, Outcome
     from coaxlink.uploading.plan import load_plan, refuse_values
     from coaxlink.uploading.worker import Uploader
 
     files.refuse_unwritable(json_file)
+    connect = address_of(connect, kept_airframe(source))
     plan = load_plan(source)
     for note in plan.notes:
         say(f"note: {note}")
@@ -146,8 +151,3 @@ def finish(outcome: Outcome, json_file: Path | None) -> None:
     else:
         detail = outcome.reason or f"{changed} written and read back"
         out.print(f"verified: {detail} ({outcome.retries} repeats)")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("upload", short_help="Write a table to the autopilot, with backup and read-back.")(upload)

@@ -7,15 +7,15 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.line import address_of, introduced
 from coaxlink.cli.shared.next import after_verify
 from coaxlink.cli.shared.shell import JsonOption, console, say
-from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
+from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
 from coaxlink.errors import CheckFailed
 
 
 def verify(
-    connect: ConnectOption,
+    connect: VehicleConnectOption = None,
     source: Annotated[
         Path | None, typer.Argument(metavar="[DIR]", help="The table; without it, what was uploaded last.")
     ] = None,
@@ -26,12 +26,14 @@ def verify(
 ) -> None:
     """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
     from coaxlink import files
+    from coaxlink.cli.shared.rate_loops import kept_airframe
     from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.outcome import value_text
     from coaxlink.uploading.plan import load_plan
     from coaxlink.uploading.verify import verify as check
 
     files.refuse_unwritable(json_file)
+    connect = address_of(connect, kept_airframe(source) if source else None)
     plan = load_plan(source) if source else None
     for note in plan.notes if plan else ():
         say(f"note: {note}")
@@ -70,8 +72,3 @@ def verify(
         raise CheckFailed(f"the table is written, but the board does not fly it: {result.unflown}")
     out.print(f"verified: {result.checked} values as in {result.source}")
     say(after_verify(True, source, connect))
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command("verify", short_help="Compare the table on the board with a file, bit for bit.")(verify)

@@ -13,7 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import CoaxlinkError, LinkError, SafetyRefusal
+from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.fly.commands import SILENCE_S, Commander, NotReached, PlanAbandoned, Start
 from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
 from coaxlink.fly.sizing import MOST, first_swing, overshoot, sized
@@ -153,7 +153,7 @@ class Pilot:
             flown.why = str(error)
             commander.land(LAND_S)
             raise
-        except CoaxlinkError:
+        except Exception:  # also a fault of our own: nobody else would land it
             if session.armed:
                 commander.land(LAND_S)
             raise

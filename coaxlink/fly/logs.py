@@ -6,6 +6,7 @@ MAVSDK sends goes out through the session. So the line stays ours: one peer, rec
 
 from __future__ import annotations
 
+import importlib.util
 import threading
 import time
 from collections import Counter
@@ -41,6 +42,13 @@ class Fetched:
     crc: str  # "same" as on the card, or why that is not known
 
 
+def _downloads() -> bool:
+    """Whether the MAVSDK here is one that runs on a line of ours. Raises ModuleNotFoundError without one."""
+    import mavsdk
+
+    return importlib.util.find_spec(f"{mavsdk.__name__}.plugins") is not None
+
+
 @contextmanager
 def _plugin(session: Session) -> Iterator[Any]:
     """MAVSDK's plugin of log files on a session; afterwards nothing of MAVSDK sends any more.
@@ -71,20 +79,26 @@ def _plugin(session: Session) -> Iterator[Any]:
 
 
 class Logs:
-    """The logs on board of one vehicle. On a signed link none are served: MAVSDK's frames are not signed."""
+    """The logs on board of one vehicle. On a signed link none are served: MAVSDK's frames are not signed.
+
+    Nor by MAVSDK 3, all that macOS 13 and 14 have: another interface, and no line of ours.
+    """
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self._served = not session.signed and _downloads()
 
     def entries(self) -> list[Any] | None:
         """What is on board, None where no logs are served."""
-        if self._session.signed:
+        if not self._served:
             return None
         with _plugin(self._session) as plugin:
             return _entries(plugin)
 
     def fetch(self, folder: Path, before: list[Any] | None, progress: Progress) -> Fetched:
         """The log that was written since `before`. Raises CheckFailed where there is none or it stalls."""
+        if not self._served:
+            raise CheckFailed("this line, or this MAVSDK, brings none down")
         with _plugin(self._session) as plugin:
             return self._fetched(plugin, folder, before, progress)
 

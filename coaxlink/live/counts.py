@@ -57,6 +57,7 @@ class Counters:
     refused_outputs: int = 0
     failures: int = 0
     hand_overs: int = 0
+    reduced_flown: int = 0  # answers of the reduced mixer, where the exact law's would have missed more
     latency: Histogram = field(default_factory=Histogram)
     # |delivered - demand|, by the rotor model
     error_sum: list[float] = field(default_factory=lambda: [0.0] * 4)
@@ -87,6 +88,7 @@ class Counters:
             "clamped_demands": self.clamped,
             "axes_given_up": self.dropped,
             "hand_overs": self.hand_overs,
+            "reduced_mixer_flown": self.reduced_flown,
             "unanswered": self.unanswered(),
         }
 

@@ -136,6 +136,7 @@ class LiveMixer:
             return None
         self.core.scale = ToldScale(module.wrench)
         self.wire = module
+        self.core.board_turns = True
         return module
 
     def _find_script(self) -> BridgeEnd | None:

@@ -10,14 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
 from coaxlink.live.counts import Counters
 from coaxlink.mixer import Law, StandardCoefficients, make_law, standard_coefficients
+from coaxlink.mixer.demands import weight_arm
+from coaxlink.mixer.edge import Edge
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle, require_vehicle
 from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 CONTROLS = 8  # motors that the messages carry
+GUARDED = 0.005  # of the weight, or of weight x arm: less is missed without another look
+BETTER = 0.02  # of what is missed: the reduced mixer has to be that much nearer to be flown instead
 ABSURD = 1.5  # a normalised demand beyond this is no demand; up to it, it is held to the range
 
 
@@ -132,6 +137,11 @@ class MixCore:
         self.vehicle, self.compensation = vehicle, compensation
         self.law = make_law(law, vehicle) if isinstance(law, str) else law
         self.rotors = PlainRotors.of(vehicle)
+        self.edge = Edge.of(vehicle)
+        self.board_turns = False  # whether the board makes commands of nominal speeds itself: its module does
+        self._reduced_law = make_law("reduced", vehicle)
+        weight, arm = GRAVITY_M_S2 * airframe.mass_kg, weight_arm(airframe)
+        self._per_axis = (1.0 / weight, 1.0 / arm, 1.0 / arm, 0.1 / arm)
         self.counters = Counters()
         self.count = count = len(airframe.rotors)
         self.last_us: int | None = None  # stamp of the last demand admitted, the vehicle's clock
@@ -195,12 +205,35 @@ class MixCore:
             wanted = [w - a for w, a in zip(wanted, added, strict=True)]
             factor = self.compensation.factor
         speeds = self._law_speeds(wanted)
-        commands = [min(u / factor, 1.0) for u in speeds]
-        if not all(0.0 <= u <= 1.0 for u in (*speeds, *commands)):  # also for NaN
+        if self._short(wanted, speeds):
+            speeds = self._reduced(wanted)
+            self.counters.reduced_flown += 1
+        nominal = [u / factor for u in self.edge.nominals(speeds)]
+        told = nominal if self.board_turns else self.edge.commands(nominal)
+        commands = [min(max(c, 0.0), 1.0) if math.isfinite(c) else c for c in told]
+        if not all(0.0 <= u <= 1.0 + 1e-9 for u in (*speeds, *commands)):  # also for NaN
             self.counters.refused_outputs += 1
             return None
         self.speeds, self.commands = speeds, commands
         return self.blend(share)
+
+    def _short(self, wanted: Sequence[float], speeds: Sequence[float]) -> bool:
+        """Whether the law misses what the reduced mixer would deliver: weighed only where it misses much."""
+        if self._law.name != "exact" or not all(map(math.isfinite, speeds)):
+            return False
+        missed = self._missed(wanted, speeds)
+        if missed < GUARDED:
+            return False
+        return self._missed(wanted, self._reduced(wanted)) < (1.0 - BETTER) * missed
+
+    def _missed(self, wanted: Sequence[float], speeds: Sequence[float]) -> float:
+        """Largest miss of an axis, of the weight or of weight x arm; yaw counts a tenth."""
+        got = self.rotors.plain_wrench(speeds)
+        return max(abs(g - w) * u for g, w, u in zip(got, wanted, self._per_axis, strict=True))
+
+    def _reduced(self, wanted: Sequence[float]) -> list[float]:
+        speeds: list[float] = self._reduced_law.speeds(wanted).tolist()
+        return speeds
 
     def blend(self, share: float) -> list[float]:
         """(8,) `share` of the law's last commands, the rest of the autopilot's own for the demand held."""
@@ -218,7 +251,7 @@ class MixCore:
         have learnt the other scale.
         """
         hover = (0.0, 0.0, 0.0, weight_N / float(self.scale.matrix[0, 3]))
-        return float(self.rotors.wrench(self.scale.own(hover))[0])
+        return float(self.rotors.wrench(self.vehicle.turned(self.scale.own(hover)))[0])
 
     def step(self, time_usec: int, group: int, controls: Sequence[float]) -> list[float] | None:
         """Eight commands in [0, 1] for one demand, or None when it deserves no answer."""

@@ -1,24 +1,35 @@
-"""Locks on open files that go with the process, however it ends. POSIX; elsewhere nothing is locked away.
-
-`open_transport` refuses systems without them before anything could need one.
-"""
+"""Locks on open files that go with the process, however it ends: flock, on Windows LockFile (portalocker)."""
 
 from __future__ import annotations
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
+import time
 
-from coaxlink.errors import SafetyRefusal
+_AGAIN_S = 0.01
 
 
 def lock(handle: int, *, shared: bool = False, wait: bool = True) -> None:
     """Take the lock of an open file. Raises BlockingIOError if it is held and nobody shall wait.
 
-    Raises SafetyRefusal on a system that has none: two uploads at a time could not be detected there.
+    A shared one is let go of (`unlock`) before it is taken for oneself: Windows turns none into the other.
     """
-    if fcntl is None:
-        raise SafetyRefusal("this system has no file locks that end with their process (fcntl)")
-    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-    fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
+    import portalocker
+
+    kind = portalocker.LockFlags.SHARED if shared else portalocker.LockFlags.EXCLUSIVE
+    while True:
+        try:
+            # without waiting: on Windows a wait gives up after ten seconds
+            portalocker.lock(handle, kind | portalocker.LockFlags.NON_BLOCKING)
+            return
+        except portalocker.AlreadyLocked as error:
+            if not wait:
+                raise BlockingIOError from error
+        except portalocker.LockException as error:
+            raise OSError(f"cannot be locked ({error})") from error
+        time.sleep(_AGAIN_S)
+
+
+def unlock(handle: int) -> None:
+    """Let go of the lock of an open file."""
+    import portalocker
+
+    portalocker.unlock(handle)

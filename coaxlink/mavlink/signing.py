@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import os
 import stat
 import time
 from pathlib import Path
@@ -40,7 +41,7 @@ def load_key(path: Path) -> bytes:
         raise InputError(path, error.where, f"the signing key: {error.problem}") from error
     except OSError as error:
         raise InputError(path, "", f"the signing key cannot be read ({error.strerror})") from error
-    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+    if os.name != "nt" and mode & (stat.S_IRWXG | stat.S_IRWXO):  # Windows keeps its rights elsewhere
         raise SafetyRefusal(
             f"the signing key {path} can be read by others (mode {mode & 0o777:o}): chmod 600 it"
         )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from coaxlink import files
 from coaxlink.errors import InputError
-from coaxlink.mavlink.locks import lock
+from coaxlink.mavlink.locks import lock, unlock
 
 Stream = tuple[int, int, int]  # link, system, component
 TICKS = 100_000  # a second, in signing's 10 us
@@ -84,6 +84,7 @@ class Book:
         self._wanted.set()
         with self._writing:
             try:
+                unlock(self._users)
                 with contextlib.suppress(BlockingIOError):
                     lock(self._users, wait=False)
                     files.write_json(self.path, _document(sent, {**self.heard, **heard}))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import re
 import select
 import socket
-import struct
-import sys
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
@@ -18,6 +19,7 @@ from coaxlink.mavlink.address import Address, both_ways
 _CHUNK = 65536
 _HEARD = 32  # senders who are answered while none of them is known to be the vehicle
 _SEND_S = 0.02  # a full buffer may hold a sender up so long: then the datagram is lost
+_WRITE_S = 1.0  # the same of a serial line
 
 
 class Transport(Protocol):
@@ -42,11 +44,8 @@ class Driven(Transport, Protocol):
 
 
 def open_transport(address: Address, timeout_s: float) -> Transport:
-    """Open a line. Raises LinkError when it cannot be had within `timeout_s`, and on Windows; InputError
-    where it is to listen on an address of another machine."""
-    if sys.platform == "win32":
-        # no locks that end with their process, no socket times of the kernel's; nothing was ever run there
-        raise LinkError(address.text, "lines to a vehicle need Linux or macOS; on Windows use WSL")
+    """Open a line. Raises LinkError when it cannot be had within `timeout_s`; InputError where it is to
+    listen on an address of another machine."""
     try:
         if address.kind in ("udpin", "udpout"):
             return Udp(address)
@@ -68,10 +67,6 @@ def open_transport(address: Address, timeout_s: float) -> Transport:
         raise LinkError(address.text, f"cannot be opened ({error.strerror or error})") from error
 
 
-def _timeval(seconds: float) -> bytes:
-    return struct.pack("@ll", int(seconds), max(round(seconds % 1.0 * 1e6), 1))
-
-
 class Udp:
     """Datagrams; `udpin` answers those it hears, `udpout` sends first."""
 
@@ -84,41 +79,34 @@ class Udp:
             if address.kind == "udpin":
                 self._socket.bind((address.host, address.port))
             else:
-                if address.local:
-                    self._socket.bind(address.local)
+                self._socket.bind(address.local or ("", 0))  # Windows reads from no socket without a port
                 info = socket.getaddrinfo(address.host, address.port, family, socket.SOCK_DGRAM)[0]
                 self._peer = info[4]
-            # the kernel keeps the time of a wait: one call a datagram, not two, where every microsecond shows
-            self._socket.settimeout(None)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(_SEND_S))
-            self._timeout_s = -1.0
+            self._socket.setblocking(False)
         except OSError:
             self._socket.close()
             raise
 
     def read(self, timeout_s: float) -> tuple[bytes, Any]:
-        self.arm(timeout_s)
+        if timeout_s > 0 and not select.select([self._socket], [], [], timeout_s)[0]:
+            return b"", None
         try:
-            data, peer = self._socket.recvfrom(_CHUNK, 0 if timeout_s > 0 else socket.MSG_DONTWAIT)
+            data, peer = self._socket.recvfrom(_CHUNK)
         except (BlockingIOError, ConnectionError):  # an ICMP "nobody there" is not the end of a UDP link
             return b"", None
         if len(self._peers) < _HEARD:
             self._peers.add(peer)
         return data, peer
 
-    def arm(self, timeout_s: float) -> None:
-        """How long the kernel lets a read wait from now on."""
-        if timeout_s != self._timeout_s and timeout_s > 0:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(timeout_s))
-            self._timeout_s = timeout_s
-
     def write(self, data: bytes, peer: Any = None) -> None:
         targets = [peer] if peer else [self._peer] if self._peer else list(self._peers)
         for target in targets:
-            try:
-                self._socket.sendto(data, target)
-            except (BlockingIOError, ConnectionError, OSError):
-                continue  # what a datagram link loses, its protocol asks for again
+            with contextlib.suppress(OSError):  # what a datagram link loses, its protocol asks for again
+                try:
+                    self._socket.sendto(data, target)
+                except BlockingIOError:
+                    if select.select([], [self._socket], [], _SEND_S)[1]:
+                        self._socket.sendto(data, target)
 
     def close(self) -> None:
         self._socket.close()
@@ -187,49 +175,51 @@ class Tcp:
 
 
 class Serial:
-    """A tty in raw mode at a standard rate (POSIX)."""
+    """A serial line, nobody else's: pyserial knows the rates and names of each system."""
 
     def __init__(self, address: Address) -> None:
-        import termios
-        import tty
+        import serial
 
-        speed = getattr(termios, f"B{address.baud}", None)
-        if speed is None:
-            raise LinkError(address.text, f"{address.baud} baud is not a rate of this system")
         from coaxlink.mavlink.port_holder import holder_of_line
 
+        self._address = address
+        self._sending = threading.Lock()  # on Windows a port has one write under way
         if who := holder_of_line(address.device):
             raise LinkError(address.text, f"the line is in use by {who}")
-        self._address = address
-        self._file = os.open(address.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
-            tty.setraw(self._file)
-            mode = termios.tcgetattr(self._file)
-            mode[2] |= termios.CLOCAL | termios.CREAD
-            mode[4] = mode[5] = speed
-            termios.tcsetattr(self._file, termios.TCSANOW, mode)
-        except termios.error as error:
-            os.close(self._file)
-            raise LinkError(address.text, f"not a serial line ({error.args[-1]})") from error
+            self._line = serial.Serial(address.device, address.baud, write_timeout=_WRITE_S, exclusive=True)
+        except (serial.SerialException, ValueError) as error:
+            raise LinkError(address.text, _why_not(error)) from error
 
     def read(self, timeout_s: float) -> tuple[bytes, Any]:
         try:
-            if not select.select([self._file], [], [], timeout_s)[0]:
-                return b"", None
-            return os.read(self._file, _CHUNK), None
-        except OSError as error:
-            raise LinkError(self._address.text, f"the line is gone ({error.strerror})") from error
+            waiting = self._line.in_waiting
+            if waiting or timeout_s <= 0:
+                return self._line.read(waiting), None
+            if self._line.timeout != timeout_s:
+                self._line.timeout = timeout_s
+            first = self._line.read(1)
+            return first + self._line.read(self._line.in_waiting) if first else b"", None
+        except (OSError, TypeError) as error:  # SerialException is one; TypeError: closed by another thread
+            said = getattr(error, "strerror", None) or error
+            raise LinkError(self._address.text, f"the line is gone ({said})") from error
 
     def write(self, data: bytes, peer: Any = None) -> None:
-        view = memoryview(data)
-        while view:
-            try:
-                view = view[os.write(self._file, view) :]
-            except BlockingIOError:
-                if not select.select([], [self._file], [], 1.0)[1]:
-                    return
-            except OSError:
-                return
+        with self._sending, contextlib.suppress(OSError):  # the reader finds the end of the line and says so
+            self._line.write(data)
 
     def close(self) -> None:
-        os.close(self._file)
+        self._line.close()
+
+
+def _why_not(error: Exception) -> str:
+    """Why a serial line does not open, in a few words: pyserial's hold the system's in brackets."""
+    number, said = getattr(error, "errno", None), str(error)
+    if number == errno.EBUSY or "exclusively lock" in said or "PermissionError" in said:  # the last: Windows
+        return "the line is in use by another program, or not yours to open"
+    if number:
+        return f"cannot be opened ({os.strerror(number)})"
+    if "configure port" in said:
+        return "not a serial line, or not at this rate"
+    meant = re.search(r"Error\(\d+, '([^']+)'", said)  # Windows
+    return f"cannot be opened ({meant[1] if meant else said})"

@@ -51,6 +51,35 @@ def sentence(result: Identification) -> str:
     )
 
 
+def answer(result: Identification) -> Any:
+    """A row a channel: the chosen form's held-out error, and what noise alone makes."""
+    rows = []
+    for name in ("coaxial_thrust", *(load.channel for load in Load)):
+        if name in result.channels:
+            e, unit = result.channels[name], unit_of(name)
+            floor = f"{result.noise_floor[name]:.2g} {unit}" if name in result.noise_floor else ""
+            rows.append((channel_words(name), f"{e.rmse:.3g} {unit}", f"{100 * e.nrmse:.1f} %", floor))
+    return table("", ("held out", "rms error", "of its range", "noise alone"), rows, left=1)
+
+
+def drive_lines(result: Identification) -> Iterator[str]:
+    """What commands turn and what the battery gives, where the log tells."""
+    drive = result.model.drive
+    if drive is not None:
+        volts = "" if drive.voltage_V is None else f" at {drive.voltage_V:.1f} V"
+        errors = " and ".join(f"{100 * side.error:.1f}" for side in (drive.upper, drive.lower))
+        yield (
+            f"Full throttle{volts} is {result.model.speed_max_rpm:.0f} rpm; throttles are known to "
+            f"{errors} % of full (upper and lower, held out)."
+        )
+    watts = result.data.watts
+    if watts:
+        shares = " and ".join(f"{100 * w.efficiency:.0f} %" for w in watts.values())
+        errors = " and ".join(f"{w.power.error:.0f}" for w in watts.values())
+        sides = ", ".join(watts)
+        yield f"Of the battery's watts {shares} reach the shafts ({sides}; to {errors} W, held out)."
+
+
 def unit_of(channel: str) -> str:
     """Of a channel's errors."""
     return "N" if channel.endswith("thrust") else "N m"

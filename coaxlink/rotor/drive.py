@@ -1,10 +1,11 @@
 """What a rotor turns at a command, and what it draws from the battery: the drive of a coaxial pair.
 
-    command V / V_ref = c_0 + c_1 u + c_2 u^2 (+ c_3 u^3) + r Q,    u = rpm / speed_max_rpm, Q the torque, N m
+    command V / V_ref = c_0 + c_1 u + c_2 u^2 (+ c_3 u^3) + (r + s u) Q,    u = rpm / speed_max_rpm, Q in N m
 
 A motor's terminal voltage is its back-EMF, which goes with speed, and what its winding's resistance takes,
-which goes with torque (Drela 2007, a motor of first order); a cubic takes what an ESC bends. So a lower rotor
-that the upper one's wake unloads turns faster at the same command. Battery watts of a side at w rad/s:
+which goes with torque (Drela 2007, a motor of first order); a cubic takes what an ESC bends, and `s` that at
+low duty the current of a winding comes and goes within a period. So a lower rotor that the upper one's wake
+unloads turns faster at the same command. Battery watts of a side at w rad/s:
 
     P = constant + per_rad_s w + per_rad_s2 w^2 + per_Nm2 Q^2 + shaft Q w
 
@@ -36,6 +37,7 @@ class SideDrive:
 
     command: tuple[float, ...] = STRAIGHT  # c_0, c_1, ... at the drive's voltage
     torque_per_Nm: float = 0.0  # r
+    torque_speed_per_Nm: float = 0.0  # s
     range: tuple[float, float] = (0.0, 1.0)
     error: float = 0.0  # of the command, its standard error
 
@@ -43,7 +45,7 @@ class SideDrive:
         """Commands (...) that hold speeds (...) under torques (...), at the drive's voltage."""
         u, least = np.asarray(u, float), self.least_speed
         at = np.polynomial.Polynomial(self.command)(np.maximum(u, least))
-        held = at + self.torque_per_Nm * np.asarray(torque_Nm, float)
+        held = at + (self.torque_per_Nm + self.torque_speed_per_Nm * u) * np.asarray(torque_Nm, float)
         return np.asarray(np.where(u < least, held * u / max(least, 1e-9), held))
 
     @property
@@ -58,7 +60,8 @@ class SideDrive:
     def _room(self) -> float:
         """A torque at full speed (N m) that brings the command there: what the polynomial leaves of it."""
         left = 1.0 - float(np.polynomial.Polynomial(self.command)(1.0))
-        return max(left, 0.0) / self.torque_per_Nm if self.torque_per_Nm > 0 else 0.0
+        per = self.torque_per_Nm + self.torque_speed_per_Nm
+        return max(left, 0.0) / per if per > 0 else 0.0
 
     @cached_property
     def least_speed(self) -> float:

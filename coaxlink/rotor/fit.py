@@ -10,20 +10,22 @@ Berra, Trujillo and Heredia 2024, section 3.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import SIGMA_PER_MAD
-from coaxlink.rotor.polynomial import Polynomial, design_matrix, dictionary, term_name
+from coaxlink.rotor.polynomial import Polynomial, design_matrix, parse_term, rounder, term_name
 from coaxlink.rotor.stand_data import LoadRows
 from coaxlink.rotor.uncertainty import Intervals, term_intervals
 
 Array = NDArray[np.float64]
 
 FORMS = ("srm", "cpcm", "rcrm", "crm")
+HIGHEST = 4  # power of a speed
+FELT = HIGHEST + 1  # the order of an upper load that feels the lower rotor: small spacings
 LOWEST = 2  # order of the smallest dictionary: squares are what momentum theory asks for
 HUBER = 2.5  # standard deviations within which a row counts in full
 ONE_IN_A_THOUSAND = 10.83  # of chi squared with one degree of freedom
@@ -35,7 +37,7 @@ ROWS_A_TERM = 3  # that a dictionary needs
 class Options:
     """How a form is fitted."""
 
-    max_order: int = 4  # highest power of each speed that crm may use
+    max_order: int = HIGHEST  # highest power of each speed that crm may use
 
 
 @dataclass(frozen=True)
@@ -88,8 +90,18 @@ def load_terms(form: str, load: str, order: int = LOWEST) -> list[str]:
     if form == "rcrm":
         return [square] if upper else [square, "u_u^2"]
     if form == "crm":
-        return [term_name(a, 0) for a in range(order + 1)] if upper else dictionary(order, order)
+        if upper and order <= HIGHEST:
+            return [term_name(a, 0) for a in range(order + 1)]
+        return rounder(3 if upper else order)
     raise ValueError(f"'{form}' is not a form: {', '.join(FORMS)}")
+
+
+def order_of(load: str, terms: Iterable[str]) -> int:
+    """The order of the smallest dictionary of crm that holds these terms."""
+    powers = [parse_term(term) for term in terms]
+    if load.startswith("upper") and any(b for _, b in powers):
+        return FELT
+    return max((sum(p) if max(p) > 2 else max(p) for p in powers), default=0)
 
 
 def orders(load: str, rows: int, max_order: int = Options.max_order) -> list[int]:

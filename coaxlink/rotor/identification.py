@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from coaxlink import files
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data import Samples
+from coaxlink.data.aliases import SIDES
 from coaxlink.errors import InputError
 from coaxlink.load import Load
+from coaxlink.rotor.drive_fit import drive_of
 from coaxlink.rotor.fit import (
     FORMS,
     ROWS_A_TERM,
     Array,
     LoadFit,
     Options,
+    fit_all_terms,
     fit_shared,
     least_squares,
     load_terms,
@@ -31,10 +33,11 @@ from coaxlink.rotor.fit import (
 )
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.pair_sum import OPEN, is_pair, of_each_rotor
+from coaxlink.rotor.physics import held_to_physics, keeps_to_physics, misses_rows, windmilling_ratio
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.power_only import with_torque_of_power
-from coaxlink.rotor.selection import fit_load
-from coaxlink.rotor.stand_data import COAXIAL, StandData, Values, stand_data, unit_of
+from coaxlink.rotor.selection import Selection
+from coaxlink.rotor.stand_data import COAXIAL, FASTEST, LoadRows, StandData, Values, stand_data, unit_of
 from coaxlink.rotor.uncertainty import (
     NORMALISER,
     ONE_STANDARD_ERROR,
@@ -48,9 +51,14 @@ from coaxlink.rotor.uncertainty import (
 
 CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 OUTLYING = 6.0  # standard deviations beyond which a row is reported
+HELD_ORDERS = (3, 4)  # of terms that help a load to keep to physics
+FULL = 0.98  # of full speed: measured there
+TURNS = 0.05  # of full speed: slower is at rest
 EXACT = 1e-9  # of the largest load: what rounding of a fit leaves is no error
 LASSO = "LASSO on standardised terms, refitted on the support, blocks held out"
 Channels = Mapping[str, HeldOutError]  # of the coaxial sums and of each load
+Fits = dict[int | None, dict[str, LoadFit]]  # by the fold left out, None: none
+Rows = dict[int | None, LoadRows]
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,7 @@ class Identification:
     data: StandData
     predicted: Values  # held-out predictions of the chosen form
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what the model rests on that no row shows, and what to doubt
 
     def __repr__(self) -> str:
         source = Path(self.data.samples.source).name
@@ -123,6 +132,9 @@ class Identification:
                 load: [vars(step) for step in fit.history] for load, fit in fits.items() if fit.history
             },
             "wild_rows": [vars(row) for row in self.outliers],
+            "drive": None if self.model.drive is None else asdict(self.model.drive),
+            "battery_power": {side: asdict(power) for side, power in self.model.battery_power.items()},
+            "measured": measured(self.data),
             "notes": list(self.notes),
         }
 
@@ -150,26 +162,38 @@ def identify(
             load_terms(form, LOADS[0])
         except ValueError as error:
             raise InputError("`form`", "", str(error)) from error
-    samples = with_torque_of_power(of_each_rotor(samples))
+    read, samples = samples, with_torque_of_power(of_each_rotor(samples))
     if is_pair(samples):
         raise InputError(samples.source, "", f"thrust of both rotors together: {'; '.join(OPEN)}")
     with threadpool_limits(limits=1, user_api="blas"):  # of many small products: see `threads`
-        return _identified(stand_data(samples, speed_max_rpm), form, options or Options(), compare)
+        premises = samples.notes[len(read.notes) :]  # what stands for readings that the log has not
+        return _identified(stand_data(samples, speed_max_rpm), form, options or Options(), compare, premises)
 
 
-def _identified(data: StandData, form: str, options: Options, compare: bool) -> Identification:
-    tried = [f for f in FORMS if compare or form in (f, "auto")]
-    predicted = {name: _held_out(name, data, options) for name in tried}
+def _identified(
+    data: StandData, form: str, options: Options, compare: bool, premises: Sequence[str] = ()
+) -> Identification:
+    tried = {name: _fits(name, data, options) for name in FORMS if compare or form in (name, "auto")}
+    bent: list[str] = []
+    against: list[str] = []
+    if "crm" in tried:
+        tried["crm"], bent, against = _physical(data, tried["crm"])
+    predicted = {name: _predictions(data, fits) for name, fits in tried.items()}
     comparison = {name: _channel_errors(data, values) for name, values in predicted.items()}
     chosen = _simplest(data, predicted) if form == "auto" else form
-    fits = fit_form(chosen, data, None, options)
+    fits = tried[chosen][None]
     residuals = _scatter(data, options)
     model = RotorModel.from_terms(
         chosen,
         data.speeds.speed_max_rpm,
         {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS},
         sources={"upper": "measured", "lower": "measured"},
+        drive=drive_of(data.speeds.drives, data.speeds.speed_max_rpm),
+        battery_power={side: watts.power for side, watts in data.watts.items()},
     )
+    reason = _reason(chosen, comparison) if form == "auto" else None
+    notes = _notes(data, reason, bent if chosen == "crm" else [])
+    warnings = tuple(dict.fromkeys([*premises, *_warnings(data, against if chosen == "crm" else [])]))
     result = Identification(
         chosen,
         model,
@@ -182,21 +206,25 @@ def _identified(data: StandData, form: str, options: Options, compare: bool) -> 
         outliers=tuple(_outliers(data, residuals)),
         data=data,
         predicted=predicted[chosen],
-        notes=(
-            *data.samples.notes,
-            *_notes(data, _reason(chosen, comparison) if form == "auto" else None),
-        ),
+        notes=(*data.samples.notes, *notes, *warnings),
+        warnings=warnings,
     )
     return replace(result, model=replace(model, identified=_provenance(result)))
 
 
-def fit_form(
-    form: str, data: StandData, among: NDArray[np.bool_] | None, options: Options
-) -> dict[str, LoadFit]:
-    """Every measured load of a form fitted on all rows, or on those of a mask (rows,)."""
-    rows = {load: data.rows(load, among) for load in data.measured}
+def _fits(form: str, data: StandData, options: Options) -> Fits:
+    """Every measured load of a form fitted without each fold, and, under None, on all rows."""
+    left_out = (None, *map(int, np.unique(data.fold)))
+    if form == "crm":
+        selections = {load: Selection(data.rows(load), options) for load in data.measured}
+        return {k: {load: s.fit(k) for load, s in selections.items()} for k in left_out}
+    return {k: _fit_all_terms(form, data, k) for k in left_out}
+
+
+def _fit_all_terms(form: str, data: StandData, without: int | None) -> dict[str, LoadFit]:
+    rows = {load: data.rows(load, data.fold != without) for load in data.measured}
     if form != "srm":
-        return {load: fit_load(form, of_load, options) for load, of_load in rows.items()}
+        return {load: fit_all_terms(form, of_load) for load, of_load in rows.items()}
     fits: dict[str, LoadFit] = {}
     for load in rows:
         if load not in fits:
@@ -205,12 +233,55 @@ def fit_form(
     return fits
 
 
-def _held_out(form: str, data: StandData, options: Options) -> Values:
+def _physical(data: StandData, free: Fits) -> tuple[Fits, list[str], list[str]]:
+    """The fits held to physics, loads that this changed, and loads whose held-out rows contradict it.
+
+    Contradicted: missed by more than the free fit misses them, beyond chance, and on blocks left out as well.
+    These stay as they were, and so does all where the rows are one line of both speeds: they tell no slopes.
+    Each fold's fit is held by its own rows alone, as the one on all rows is.
+    """
+    if data.speeds.correlation() > CORRELATED:
+        return free, [], []
+    ratios = {k: windmilling_ratio(data, data.fold != k) for k in free}
+    found, bent, against = {k: dict(fits) for k, fits in free.items()}, [], []
+    for name in data.measured:
+        load, rows = Load.of(name), {k: data.rows(name, data.fold != k) for k in free}
+
+        def kept(order: int, name: str = name, load: Load = load, rows: Rows = rows) -> Fits:
+            return {
+                k: {name: held_to_physics(load, fits[name], rows[k], ratios[k], order)}
+                for k, fits in free.items()
+            }
+
+        own, sound = kept(0), keeps_to_physics(load, free[None][name], rows[None], ratios[None])
+        if all(own[k][name] is fits[name] for k, fits in free.items()):
+            against += [] if sound else [name]
+            continue
+        tried = [own, *(kept(order) for order in HELD_ORDERS)]
+        losses = [_lost(data, name, fits) for fits in tried]
+        best = min(range(len(tried)), key=lambda i: float(losses[i].sum()))
+        unseen = _above(losses[best], _lost(data, name, free)) > ONE_STANDARD_ERROR
+        if unseen and misses_rows(tried[best][None][name], free[None][name], rows[None]):
+            against += [] if sound else [name]
+            continue
+        for k, fits in tried[best].items():
+            found[k][name] = fits[name]
+        bent += [] if found[None][name] is free[None][name] else [name]
+    return found, bent, against
+
+
+def _lost(data: StandData, load: str, fits: Fits) -> Array:
+    """(folds,) squared error of a load on each block that its fit has not seen."""
+    squared = np.nan_to_num((data.loads[load] - _predictions(data, fits)[load]) ** 2)
+    return np.array([squared[data.fold == k].sum() for k in np.unique(data.fold)])
+
+
+def _predictions(data: StandData, fits: Fits) -> Values:
     """Predictions of each row by a model that has not seen its block."""
     predicted = {load: np.full(data.samples.rows, np.nan) for load in LOADS}
     for number in np.unique(data.fold):
         out = data.fold == number
-        for load, fit in fit_form(form, data, ~out, options).items():
+        for load, fit in fits[int(number)].items():
             predicted[load][out] = fit.predict(data.speeds.upper[out], data.speeds.lower[out])
     return predicted
 
@@ -317,27 +388,57 @@ def _outliers(data: StandData, residuals: Values) -> Iterator[Outlier]:
             yield Outlier(data.samples.place(int(row)), load, value, value - off, abs(off) / scale)
 
 
-def _notes(data: StandData, reason: str | None) -> Iterator[str]:
+def _notes(data: StandData, reason: str | None, bent: Sequence[str]) -> Iterator[str]:
     speeds = data.speeds
-    yield (
-        speeds.source
-        if speeds.from_throttle
-        else f"u = 1 is {speeds.speed_max_rpm:.0f} rpm ({speeds.source})"
-    )
+    if not speeds.from_throttle:
+        yield f"u = 1 is {speeds.speed_max_rpm:.0f} rpm ({speeds.source})"
     count = len(np.unique(data.fold))
     yield f"errors on held-out blocks: {count} sweeps or stretches, each left out once"
     yield f"NRMSE = RMSE / ({NORMALISER})"
     if reason:
         yield reason
+    if bent:
+        yield f"kept to physics between and beyond the rows: {', '.join(bent)}"
+    top = max(speeds.upper.max(), speeds.lower.max())
+    if top < FULL:
+        yield f"measured up to u = {top:.2f}: from there to 1 the model is extrapolated"
+    missing = [load for load in LOADS if load not in data.measured]
+    if missing:
+        yield f"not measured, left without terms: {', '.join(missing)}"
+
+
+def _warnings(data: StandData, against: Sequence[str]) -> Iterator[str]:
+    speeds = data.speeds
+    if speeds.from_throttle:
+        yield speeds.source
+    elif speeds.source == FASTEST and not any(data.samples.has(f"{side}_throttle") for side in SIDES):
+        yield (
+            f"u = 1 is {speeds.speed_max_rpm:.0f} rpm, the fastest of a log without throttle: a table takes "
+            "that for full throttle; --speed-max-rpm states another"
+        )
     alike = speeds.correlation()
     if alike > CORRELATED:
         yield (
             f"both speeds move together (correlation {alike:.5f}): the model holds along them only, "
             "what each rotor does to the other cannot be separated"
         )
-    missing = [load for load in LOADS if load not in data.measured]
-    if missing:
-        yield f"not measured, left without terms: {', '.join(missing)}"
+    if against:
+        yield f"held-out rows contradict slopes that physics expects: {', '.join(against)} (left as measured)"
+
+
+def measured(data: StandData) -> dict[str, Any]:
+    """Where the rows were: speeds of rotors that turn, and how slow the lower one was beside the upper."""
+    u, v = data.speeds.upper, data.speeds.lower
+    both = (u > TURNS) & (v > TURNS)
+    sides = {
+        side: [float(x[x > TURNS].min()), float(x.max())]
+        for side, x in zip(SIDES, (u, v), strict=True)
+        if np.any(x > TURNS)
+    }
+    if not both.any():
+        return sides
+    ratios = {"ratio_least": float(np.min(v[both] / u[both])), "windmilling": windmilling_ratio(data)}
+    return {**sides, **ratios}
 
 
 def _provenance(result: Identification) -> dict[str, Any]:
@@ -350,6 +451,7 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "errors": _errors_json(result.channels),
         "noise_floor": dict(result.noise_floor),
         "intervals": {load: i.as_json() for load, i in result.intervals.items()},
+        "measured": measured(result.data),
         **_range(result.data),
     }
 
@@ -357,6 +459,6 @@ def _provenance(result: Identification) -> dict[str, Any]:
 def _range(data: StandData) -> dict[str, Any]:
     """How far throttles went, where that does not tell what full throttle gives."""
     unknown = [
-        c.top for c in data.speeds.curves.values() if not c.reaches_full and data.speeds.source != "given"
+        d.top for d in data.speeds.drives.values() if not d.reaches_full and data.speeds.source != "given"
     ]
     return {"throttle_to": max(unknown)} if unknown else {}

@@ -84,22 +84,6 @@ def refitted(G: Array, c: Array, path: Array) -> Array:
     return out
 
 
-def block_errors(G_blocks: Array, c_blocks: Array, yy_blocks: Array, lambdas: Array) -> Array:
-    """(K, L) squared error on each block of the refitted path found without it.
-
-    The blocks' Gram matrices are (K, p, p), their X'y (K, p), their y'y (K,).
-    """
-    G_all, c_all = G_blocks.sum(axis=0), c_blocks.sum(axis=0)
-    out = []
-    for G, c, yy in zip(G_blocks, c_blocks, yy_blocks, strict=True):
-        path = refitted(G_all - G, c_all - c, lasso_path(G_all - G, c_all - c, lambdas))
-        error = np.maximum(yy - 2 * path @ c + np.sum(path @ G * path, axis=1), 0.0)
-        # one model has one error, whatever a matrix product rounds from row to row
-        new = np.append(True, np.any(path[1:] != path[:-1], axis=1))
-        out.append(error[np.maximum.accumulate(np.where(new, np.arange(len(path)), 0))])
-    return np.array(out)
-
-
 def tolerance_form(X: Array, y: Array, eps: float) -> Array:
     """(p,) coefficients of the tolerance form for a design (n, p) and a target (n,).
 

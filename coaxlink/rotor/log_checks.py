@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data import Samples
 from coaxlink.data.unit_check import electrical_turns, other_units, sizes
 from coaxlink.load import Load
+from coaxlink.rotor.drive_fit import BENT, drawn_watts
 from coaxlink.rotor.fit import ROWS_A_TERM, Array, load_terms
 from coaxlink.rotor.identification import CORRELATED, Identification
 from coaxlink.rotor.stand_data import COAXIAL, StandData, unit_of
-from coaxlink.rotor.throttle_curve import BENT
 
 CELLS = 5  # a side: levels of each speed that a map wants (the paper has 11)
 SAME = 0.01  # of the speed range: two rows at one condition
@@ -31,6 +30,8 @@ FAST = 0.5  # of a rotor's own fastest: below, a wake may well push it down
 # one that it finds unfit (SRM: 0.052 and 0.078; Berra, Trujillo and Heredia 2024, Table 2, NRMSE)
 POOR = 0.05
 SHOWN = 4
+CROSSTALK = 0.05  # of the typical watts: what a split saves is of this size
+MOST_EFFICIENT, LEAST_EFFICIENT = 1.0, 0.5  # shaft over battery watts of a drive: physics; a motor near stall
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ def poor_errors(result: Identification) -> Iterator[str]:
 
 def oddities(data: StandData, form: str) -> tuple[str, ...]:
     """What a person should look at in the log before they believe a model of it, one line each."""
-    looks = (_no_speed, _full_throttle, _beyond, _stalled, _idle_power, _wrong_way)
+    looks = (_no_speed, _full_throttle, _beyond, _stalled, _idle_power, _efficiency, _wrong_way)
     return (*(line for look in looks for line in look(data)), *_few_rows(data, form))
 
 
@@ -199,17 +200,17 @@ def _no_speed(data: StandData) -> Iterator[str]:
 
 def _full_throttle(data: StandData) -> Iterator[str]:
     """Where commands are not speeds."""
-    for side, curve in data.speeds.curves.items():
-        if data.speeds.source != "given" and not curve.reaches_full:
+    for side, drive in data.speeds.drives.items():
+        if data.speeds.source != "given" and not drive.reaches_full:
             yield (
-                f"{side}: throttle goes to {curve.top:.2f}, and rpm do not tell what they are at 1: no table "
+                f"{side}: throttle goes to {drive.top:.2f}, and rpm do not tell what they are at 1: no table "
                 "is made of that; measure there, or give `speed_max_rpm`"
             )
-        elif curve.reaches_full and abs(np.subtract(*curve.bend())) > BENT:
-            at, gives = curve.bend()
+        elif drive.reaches_full and abs(np.subtract(*drive.bend())) > BENT:
+            at, gives = drive.bend()
             yield (
-                f"{side}: throttle {at:.2f} gives {gives:.2f} of full speed: the model keeps their curve, "
-                "and tables and laws command by it; take it out for ESCs that govern speed"
+                f"{side}: throttle {at:.2f} gives {gives:.2f} of full speed: the model keeps the drive, and "
+                "tables and laws command by it; take [drive] out for ESCs that govern speed"
             )
 
 
@@ -252,9 +253,7 @@ def _stalled(data: StandData) -> Iterator[str]:
 
 def _idle_power(data: StandData) -> Iterator[str]:
     for side, _, _ in _sides(data):
-        column = f"{side}_power_W"
-        samples = data.samples
-        power = samples[column] if samples.has(column) else _electrical_power(samples, side)
+        power = drawn_watts(data.samples, side)
         load = data.loads[f"{side}.thrust_N"]
         if power is None or not np.isfinite(load).any():
             continue
@@ -264,12 +263,20 @@ def _idle_power(data: StandData) -> Iterator[str]:
             yield f"{side}: {len(rows)} rows draw power without thrust ({where}): cell or propeller?"
 
 
-def _electrical_power(samples: Samples, side: str) -> Array | None:
-    """(rows,) watts into a motor, None where its voltage or current was not measured."""
-    volts = next((n for n in (f"{side}_voltage_V", "voltage_V") if samples.has(n)), None)
-    if volts is None or not samples.has(f"{side}_current_A"):
-        return None
-    return np.asarray(samples[volts] * samples[f"{side}_current_A"])
+def _efficiency(data: StandData) -> Iterator[str]:
+    """Shaft watts that no battery gave, or that a motor wastes most of."""
+    for side, watts in data.watts.items():
+        drawn = f"{side}: {100 * watts.efficiency:.0f} % of the battery's watts reach the shaft"
+        if watts.efficiency > MOST_EFFICIENT:
+            yield f"{drawn}: a torque cell, a current sensor or the rpm is wrong"
+        elif watts.efficiency < LEAST_EFFICIENT:
+            yield f"{drawn}, where drives give 80 to 95: a current sensor, a torque cell or the rpm is wrong"
+        if abs(watts.crosstalk_W) > CROSSTALK * watts.typical_W:
+            yield (
+                f"{side}: its watts change by {watts.crosstalk_W:+.0f} W (typical: {watts.typical_W:.0f}) "
+                "with the other side's, at one speed and torque: current sensors on one ground? What a split "
+                "saves at the battery rests on that; at the shafts it does not"
+            )
 
 
 def _wrong_way(data: StandData) -> Iterator[str]:

@@ -250,7 +250,8 @@ class _SideDrive(BaseModel):
         min_length=2, max_length=6,
         description="c_0, c_1, ...: command = c_0 + c_1 u + c_2 u^2 + ... + torque_per_Nm Q at `voltage_V`.",
     )  # fmt: skip
-    torque_per_Nm: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Command per N m of torque.")
+    torque_per_Nm: Finite = Field(0.0, description="Command per N m of torque, at rest.")
+    torque_speed_per_Nm: Finite = Field(0.0, description="What u adds to that.")
     range: tuple[Finite, Finite] = Field((0.0, 1.0), description="Commands that were measured.")
     error: Annotated[Finite, Field(ge=0)] = Field(0.0, description="Standard error of the command.")
 
@@ -288,8 +289,21 @@ class _Curves(BaseModel):
     lower: tuple[Finite, Finite, Finite] | None = Field(None, description="The lower rotor's.")
 
 
+class _Measured(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    upper: tuple[Finite, Finite] | None = Field(None, description="Least and greatest u_u of the log.")
+    lower: tuple[Finite, Finite] | None = Field(None, description="Least and greatest u_l of the log.")
+    ratio_least: Finite | None = Field(None, description="Smallest u_l / u_u that was measured.")
+    windmilling: Finite | None = Field(
+        None, description="u_l / u_u up to which the wake turned the lower rotor; 0: never seen."
+    )
+
+
 class _Identified(BaseModel):
     model_config = ConfigDict(extra="allow")
+    measured: Annotated[
+        _Measured | None, Field(description="Where the rows were: beyond, the model is extrapolated.")
+    ] = None
     rpm_over_throttle: Annotated[
         _Curves | None, Field(description="rpm over throttle t, 0..1, of older files: read as a drive.")
     ] = None

@@ -49,6 +49,12 @@ def dictionary(order_upper: int, order_lower: int) -> list[str]:
     return [term_name(a, b) for a in range(order_upper + 1) for b in range(order_lower + 1)]
 
 
+def rounder(order: int) -> list[str]:
+    """The terms up to squares of both speeds (eq. 3), and beyond order 2 those of a total order."""
+    powers = [(a, b) for a in range(order + 1) for b in range(order + 1)]
+    return [term_name(a, b) for a, b in powers if max(a, b) <= 2 or a + b <= order]
+
+
 def design_matrix(terms: Iterable[str], u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
     """(rows, terms) matrix of the terms' values at the normalised speeds (rows,)."""
     upper, lower = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))

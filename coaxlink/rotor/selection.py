@@ -14,19 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.rotor.fit import (
+    FELT,
+    HIGHEST,
+    ROWS_A_TERM,
     Array,
     LoadFit,
     Options,
     SelectionStep,
     fit_all_terms,
+    least_squares,
     load_terms,
     noise_weights,
     nonzero,
+    order_of,
     orders,
     row_weights,
 )
-from coaxlink.rotor.lasso import block_errors, lambda_grid, lasso_path, refitted
-from coaxlink.rotor.polynomial import parse_term
+from coaxlink.rotor.lasso import lambda_grid, lasso_path, refitted
 from coaxlink.rotor.stand_data import LoadRows
 from coaxlink.rotor.uncertainty import (
     ONE_STANDARD_ERROR,
@@ -37,11 +41,13 @@ from coaxlink.rotor.uncertainty import (
 )
 
 PENALTIES = 50  # points of the path
+FELT_SHARE = 0.2  # of the squared error of an upper load, that the lower rotor's speed explains
+ONE_IN_A_THOUSAND_P = 1e-3
 
 
 def fit_load(form: str, rows: LoadRows, options: Options) -> LoadFit:
     """Fit one load of a form; crm chooses order and terms on blocks left out."""
-    return _by_cross_validation(rows, options) if form == "crm" else fit_all_terms(form, rows)
+    return Selection(rows, options).fit() if form == "crm" else fit_all_terms(form, rows)
 
 
 @dataclass(frozen=True)
@@ -54,15 +60,98 @@ class _Candidate:
     order: int  # of the smallest dictionary that holds its terms
 
 
-def _by_cross_validation(rows: LoadRows, options: Options) -> LoadFit:
-    tried = orders(rows.load, len(rows.y), options.max_order)
-    designs = {o: rows.design(load_terms("crm", rows.load, o)) for o in tried}
-    tried = [o for o in tried if o == tried[0] or _determined(designs[o])]
-    richest = designs[tried[-1]]
-    weights = noise_weights(richest, rows.y, row_weights(richest, rows.y))
-    found = [_candidates(order, designs[order], rows, weights) for order in tried]
-    candidates = [c for of_order, _ in found for c in of_order]
-    return _one_standard_error(candidates, np.concatenate([e for _, e in found], axis=1), rows, weights)
+class Selection:
+    """Terms of one load by the LASSO, from all its blocks or without one of them.
+
+    Gram matrices of the blocks are made once, with one set of weights: a path found without two blocks serves
+    both ways round.
+    """
+
+    def __init__(self, rows: LoadRows, options: Options) -> None:
+        self._rows = rows
+        tried = orders(rows.load, len(rows.y), options.max_order)
+        designs = {o: rows.design(load_terms("crm", rows.load, o)) for o in tried}
+        tried = [o for o in tried if o == tried[0] or _determined(designs[o])]
+        richest = designs[tried[-1]]
+        self._weights = noise_weights(richest, rows.y, row_weights(richest, rows.y))
+        self._blocks = [int(b) for b in np.unique(rows.fold)]
+        if rows.load.startswith("upper") and _felt(richest, rows, self._weights, options):
+            designs[FELT] = rows.design(load_terms("crm", rows.load, FELT))
+            tried.append(FELT)
+        self._sums = {o: _Sums(designs[o], rows, self._weights, self._blocks) for o in tried}
+
+    def fit(self, without: int | None = None) -> LoadFit:
+        """The load on all rows, or on those outside a block."""
+        kept = self._rows.fold != without
+        rows = self._rows.among(kept)
+        left = [b for b in self._blocks if b != without]
+        candidates, errors = [], []
+        for order, sums in self._sums.items():
+            terms = load_terms("crm", rows.load, order)
+            lowest = orders(rows.load, len(rows.y))[0]
+            coefficients = sums.path([without])
+            for lam, b in zip(sums.lambdas / len(rows.y), coefficients, strict=True):
+                model = dict(nonzero(terms, b))
+                own = max(lowest, order_of(rows.load, model))
+                candidates.append(_Candidate(order, float(lam), model, own))
+            errors.append(np.array([sums.error(sums.path([without, b]), b) for b in left]))
+        return _one_standard_error(candidates, np.concatenate(errors, axis=1), rows, self._weights[kept])
+
+
+class _Sums:
+    """Gram matrices of one order's dictionary, a block each, and what follows from sums of them."""
+
+    def __init__(self, X: Array, rows: LoadRows, weights: Array, blocks: Sequence[int]) -> None:
+        self._scale = _term_scale(X)
+        Z = X / self._scale
+        self._G, self._c, self._yy = {}, {}, {}
+        for block in blocks:
+            inside = rows.fold == block
+            weighted = Z[inside] * weights[inside, None]
+            self._G[block], self._c[block] = weighted.T @ Z[inside], weighted.T @ rows.y[inside]
+            self._yy[block] = float(weights[inside] @ rows.y[inside] ** 2)
+        total = np.sum(list(self._c.values()), axis=0)
+        self.lambdas = np.append(lambda_grid(total, PENALTIES), 0.0)  # the whole dictionary is a candidate
+        self._paths: dict[frozenset[int | None], Array] = {}
+
+    def path(self, without: Sequence[int | None]) -> Array:
+        """(L, p) refitted coefficients of all penalties, found without these blocks."""
+        key = frozenset(without) - {None}
+        if key not in self._paths:
+            kept = [b for b in self._G if b not in key]
+            G, c = (np.sum([of[b] for b in kept], axis=0) for of in (self._G, self._c))
+            self._paths[key] = refitted(G, c, lasso_path(G, c, self.lambdas)) / self._scale
+        return self._paths[key]
+
+    def error(self, path: Array, block: int) -> Array:
+        """(L,) squared error of a path on a block that it has not seen."""
+        scaled = path * self._scale
+        error = (
+            self._yy[block] - 2 * scaled @ self._c[block] + np.sum(scaled @ self._G[block] * scaled, axis=1)
+        )
+        # one model has one error, whatever a matrix product rounds from row to row
+        new = np.append(True, np.any(path[1:] != path[:-1], axis=1))
+        return np.asarray(
+            np.maximum(error, 0.0)[np.maximum.accumulate(np.where(new, np.arange(len(path)), 0))]
+        )
+
+
+def _felt(X: Array, rows: LoadRows, weights: Array, options: Options) -> bool:
+    """Whether an upper load goes with the lower rotor's speed, beyond chance and by more than a tenth."""
+    from scipy.special import fdtrc
+
+    if options.max_order < HIGHEST or np.ptp(rows.lower) == 0.0:
+        return False
+    more = np.column_stack([X, rows.design(["u_l", "u_l^2", "u_u u_l"])])
+    freedom = len(rows.y) - more.shape[1]
+    if freedom < ROWS_A_TERM * 3 or not _determined(more):
+        return False
+    root = np.sqrt(weights)
+    left = [float(np.sum((root * (rows.y - M @ least_squares(M, rows.y, weights))) ** 2)) for M in (X, more)]
+    gain = left[0] - left[1]
+    if gain < FELT_SHARE * left[0]:
+        return False
+    return bool(fdtrc(3, freedom, gain / 3 / max(left[1] / freedom, 1e-300)) < ONE_IN_A_THOUSAND_P)
 
 
 def _determined(X: Array) -> bool:
@@ -75,30 +164,6 @@ def _term_scale(X: Array) -> Array:
     """(p,) root mean squares of the terms, 1 for a term that is nothing."""
     scale = np.sqrt(np.mean(X**2, axis=0))
     return np.where(scale > 0, scale, 1.0)
-
-
-def _candidates(order: int, X: Array, rows: LoadRows, weights: Array) -> tuple[list[_Candidate], Array]:
-    """A candidate a penalty (L) of an order's design (n, p), and its squared error on each block (K, L)."""
-    scale = _term_scale(X)
-    Z, y = X / scale, rows.y
-    G, c, yy = [], [], []
-    for name in np.unique(rows.fold):
-        block = rows.fold == name
-        weighted = Z[block] * weights[block, None]
-        G.append(weighted.T @ Z[block])
-        c.append(weighted.T @ y[block])
-        yy.append(weights[block] @ y[block] ** 2)
-    G_blocks, c_blocks = np.array(G), np.array(c)
-    G_all, c_all = G_blocks.sum(axis=0), c_blocks.sum(axis=0)
-    lambdas = np.append(lambda_grid(c_all, PENALTIES), 0.0)  # the whole dictionary is a candidate
-    coefficients = refitted(G_all, c_all, lasso_path(G_all, c_all, lambdas)) / scale
-    terms, lowest = load_terms("crm", rows.load, order), orders(rows.load, len(y))[0]
-    candidates = []
-    for lam, b in zip(lambdas / len(y), coefficients, strict=True):
-        model = dict(nonzero(terms, b))
-        own_order = max([lowest, *(max(parse_term(term)) for term in model)])
-        candidates.append(_Candidate(order, float(lam), model, own_order))
-    return candidates, block_errors(G_blocks, c_blocks, np.array(yy), lambdas)
 
 
 def _one_standard_error(

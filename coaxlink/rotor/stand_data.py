@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from coaxlink.data.averaging import shortened
 from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
 from coaxlink.load import LOADS, Load, of_rotor
+from coaxlink.rotor.drive_fit import DriveFit, WattsFit, at_full_throttle, drive_fits, watts_fits
 from coaxlink.rotor.polynomial import design_matrix
-from coaxlink.rotor.throttle_curve import ThrottleCurve, at_full_throttle, throttle_curves
 
 Array = NDArray[np.float64]
 Values = dict[str, Array]  # load: (rows,), NaN where not measured
@@ -26,6 +27,7 @@ COAXIAL = {
 PROPORTIONAL = 0.01  # rpm that follow the throttle this closely tell the speed at full throttle
 STEP = 0.05  # of the speed range: a smaller change is not a new level
 MOST_FOLDS = 12
+FASTEST = "fastest rpm in the log"
 FEWEST_ROWS = 6  # of a load: below, nothing is fitted to it
 SLOWEST_RPM, FASTEST_RPM = 1.0, 1e6  # no rotor at full speed is beyond
 
@@ -44,7 +46,7 @@ class Speeds:
     speed_max_rpm: float
     source: str  # in words
     from_throttle: bool = False
-    curves: Mapping[str, ThrottleCurve] = field(default_factory=dict)  # by side, where rpm bend with throttle
+    drives: Mapping[str, DriveFit] = field(default_factory=dict)  # by side, where rpm bend with throttle
 
     def correlation(self) -> float:
         """Of the two speeds where both turn; 0 when a rotor also turns without the other."""
@@ -70,6 +72,10 @@ class LoadRows:
         """(n, terms)."""
         return design_matrix(terms, self.upper, self.lower)
 
+    def among(self, kept: NDArray[np.bool_]) -> LoadRows:
+        """Those of a mask (n,)."""
+        return LoadRows(self.load, self.upper[kept], self.lower[kept], self.y[kept], self.fold[kept])
+
 
 @dataclass(frozen=True)
 class StandData:
@@ -79,6 +85,11 @@ class StandData:
     speeds: Speeds
     loads: Values
     fold: NDArray[np.int64]  # (rows,)
+
+    @cached_property
+    def watts(self) -> dict[str, WattsFit]:
+        """By side, what the battery gave, where that was measured."""
+        return watts_fits(self.samples)
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -139,16 +150,16 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
     if fastest <= 0:
         raise InputError(samples.source, "column upper_rpm", "no rotor ever turns")
     if speed_max_rpm is not None:
-        curves = {} if _at_full_throttle(samples) else throttle_curves(samples)
-        return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given", curves=curves)
+        drives = {} if _at_full_throttle(samples) else drive_fits(samples)
+        return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given", drives=drives)
     if full := _at_full_throttle(samples):
         return Speeds(upper / full, lower / full, full, "rpm at full throttle, to which it is proportional")
-    curves = throttle_curves(samples)
-    full, source = fastest, "fastest rpm in the log"
-    if bent := at_full_throttle(curves):
-        top = max(curve.top for curve in curves.values())
-        full, source = bent, f"rpm at full throttle, by their curve over throttles up to {top:.2f}"
-    return Speeds(upper / full, lower / full, full, source, curves=curves)
+    drives = drive_fits(samples)
+    full, source = fastest, FASTEST
+    if turned := at_full_throttle(drives):
+        top = max(drive.top for drive in drives.values())
+        full, source = turned, f"rpm at full throttle, by their drive over throttles up to {top:.2f}"
+    return Speeds(upper / full, lower / full, full, source, drives=drives)
 
 
 def _raw(samples: Samples, side: str, what: str) -> Array | None:
@@ -167,7 +178,9 @@ def _at_full_throttle(samples: Samples) -> float | None:
     ratios = []
     for side in ("upper", "lower"):
         if not samples.has(f"{side}_rpm", f"{side}_throttle"):
-            return None
+            if samples.has(f"{side}_rpm") or samples.has(f"{side}_throttle"):
+                return None
+            continue
         on = samples[f"{side}_throttle"] > 0.05
         ratios.append(samples[f"{side}_rpm"][on] / samples[f"{side}_throttle"][on])
     ratio = np.concatenate(ratios)

@@ -223,7 +223,7 @@ def _bytes(text: str | None) -> bytes | None:
 
 
 def _sync_folder(folder: Path) -> None:
-    if not folder.exists():
+    if os.name == "nt" or not folder.exists():  # Windows opens no folder
         return
     handle = os.open(folder, os.O_RDONLY)
     try:

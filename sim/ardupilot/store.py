@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 
 from firmware_params.ardupilot.parameters import FLOAT, INT8, INT16, INT32, as_stored, servo_function
+from sim.ardupilot.frame import own_frame
 from sim.line.store import ParameterStore
 from sim.vehicle import SimVehicle
 
@@ -35,8 +36,8 @@ class ArduPilotStore(ParameterStore):
         self._scripted: list[str] = []
         for n in range(1, vehicle.rotors + 1):
             self.preset(f"SERVO{n}_FUNCTION", float(servo_function(n)))
-        if vehicle.rotors == 6:
-            self.preset("FRAME_CLASS", 5.0)
+        for name, value in zip(("FRAME_CLASS", "FRAME_TYPE"), own_frame(vehicle) or (0, 1), strict=True):
+            self.preset(name, float(value))
         self._list()
 
     def _list(self) -> None:

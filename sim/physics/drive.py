@@ -7,6 +7,7 @@ import math
 
 from sim.physics import layout as at
 from sim.physics.compile_cache import inlined, plain
+from sim.physics.forces import looked_up
 
 COPPER_1_K = 0.00393
 
@@ -27,7 +28,7 @@ def shepherd(cells, charge, current, capacity):
 
 
 @inlined
-def supply(state, w, p, h):
+def supply(state, w, p, geo, h, pairs, poly):
     """Current, charge, voltage and every winding's heat (K over the air) `h` seconds on, in place."""
     power = lost = 0.0
     for i in range(w.shape[1]):
@@ -39,6 +40,8 @@ def supply(state, w, p, h):
         lost += warm
         w[at.W_HEAT, i] = heat + (cold + warm) * (h / p[at.HEAT_CAPACITY]) - heat * (h * p[at.COOLING])
     power = max(power, 0.0) * p[at.TOP_RATE] / p[at.EFFICIENCY]  # cold losses are in the efficiency
+    if poly.shape[2] == at.TABLES:
+        power = tabled_power(w, p, geo, pairs, poly)
     if p[at.HEAT_SHARE] != 0.0:
         power += lost
     drawn = 1.0 + power / max(state[at.VOLTAGE], 1.0)
@@ -83,6 +86,32 @@ def meant(command, heat, volts, p):
         return target - target * heat * (heating / 100.0)
     share = heating / max(100.0 * COPPER_1_K - heating, 1e-3)  # copper's resistance grows: its share with it
     return target * loaded_speed(command * (share / 0.7), 1.0, heat * COPPER_1_K + 1.0)
+
+
+@inlined
+def turned(command, volts, geo, p, w, second, pairs, tables):
+    """Set what speeds follow by the tables of both commands of a pair (`tabled_pair`)."""
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        above = meant(command[i], w[at.W_HEAT, i], volts, p)
+        below = meant(command[j], w[at.W_HEAT, j], volts, p) if j >= 0 else 0.0
+        upper, lower = looked_up(tables, 4, above, below)
+        w[at.W_TARGET, i] = upper * geo[at.G_SPEED, i]
+        w[at.W_LED, i] = w[at.W_LED, i] if second else w[at.W_TARGET, i]
+        if j >= 0:
+            w[at.W_TARGET, j] = lower * geo[at.G_SPEED, j]
+            w[at.W_LED, j] = w[at.W_LED, j] if second else w[at.W_TARGET, j]
+
+
+@inlined
+def tabled_power(w, p, geo, pairs, tables):
+    """Watts that all rotors draw by the tables; like torque by what is left of each, and this air."""
+    total = 0.0
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        upper, lower = looked_up(tables, 6, w[at.W_U, i], w[at.W_U, j] if j >= 0 else 0.0)
+        total += upper * geo[at.G_TORQUE, i] + (lower * geo[at.G_TORQUE, j] if j >= 0 else 0.0)
+    return total * p[at.AIR]
 
 
 @inlined

@@ -30,7 +30,8 @@ def reported_escs(a: Any) -> EscReport | None:
     r, count = a.reading, a.rotors
     if a.escs == MEASURED:
         rpm = [a.plant.pair.speed_max_rpm * u for u in r.speeds.tolist()]
-        return EscReport(rpm, [r.voltage] * count, [r.current / count] * count)
+        amps = a.plant.rotor_watts() / max(r.voltage, 1.0)
+        return EscReport(rpm, [r.voltage] * count, amps.tolist())
     if a.id_parameter == "MAV_SYSID":  # an ArduPilot
         return EscReport([0.0] * count, [16.8] * count, [0.8] * count)
     commands = a.command.tolist() if a.armed else [0.0] * count

@@ -2,7 +2,8 @@
 """What air and ground do to a vehicle: loads of every rotor in still and in moving air, summed on the body.
 
 `w` is the scratch of `layout`, a column a rotor; `f` induced flows; `pairs` (P, 2) the upper (or single)
-rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients, empty where rotors are `blades`.
+rotor and the lower one, -1 for none; `poly` (4, A, B) eq. 17's coefficients or (n, n, 8) tables
+(`tabled_pair`), empty where rotors are `blades`.
 """
 
 from __future__ import annotations
@@ -30,6 +31,43 @@ def surfaces(c, u, v):
 
 
 @inlined
+def cell_of(c, x, y):
+    """The cell of tables c (n, n, 8) that x, y of their axes (0 .. REACH) lie in, and how far along it."""
+    n = c.shape[0] - 1
+    a, b = min(max(x, 0.0) * n / at.REACH, n - 1e-9), min(max(y, 0.0) * n / at.REACH, n - 1e-9)
+    i, j = int(a), int(b)
+    return i, j, a - i, b - j
+
+
+@inlined
+def looked_up(c, first, x, y):
+    """Tables `first` and the next."""
+    i, j, f, g = cell_of(c, x, y)
+    w00, w01, w10, w11 = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    k, m = first, first + 1
+    return (
+        c[i, j, k] * w00 + c[i, j + 1, k] * w01 + c[i + 1, j, k] * w10 + c[i + 1, j + 1, k] * w11,
+        c[i, j, m] * w00 + c[i, j + 1, m] * w01 + c[i + 1, j, m] * w10 + c[i + 1, j + 1, m] * w11,
+    )
+
+
+@inlined
+def still(poly, u, v):
+    """Loads of a pair at its speeds: of coefficients, or of tables, whose loads come first."""
+    if poly.shape[0] == 4:
+        return surfaces(poly, u, v)
+    i, j, f, g = cell_of(poly, u, v)
+    w00, w01, w10, w11 = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    a, b, c, d = poly[i, j], poly[i, j + 1], poly[i + 1, j], poly[i + 1, j + 1]
+    return (
+        a[0] * w00 + b[0] * w01 + c[0] * w10 + d[0] * w11,
+        a[1] * w00 + b[1] * w01 + c[1] * w10 + d[1] * w11,
+        a[2] * w00 + b[2] * w01 + c[2] * w10 + d[2] * w11,
+        a[3] * w00 + b[3] * w01 + c[3] * w10 + d[3] * w11,
+    )
+
+
+@inlined
 def spin(w, p, geo, pairs, poly, blades):
     """What speeds alone decide: thrust (N) and torque (N m) in still air; of blades lift and profile drag."""
     for k in range(len(pairs)):
@@ -41,7 +79,7 @@ def spin(w, p, geo, pairs, poly, blades):
             if j >= 0:
                 w[at.W_STILL, j], w[at.W_STILL_Q, j] = air.spun(v, blades)
             continue
-        thrust, torque, thrust_low, torque_low = surfaces(poly, u, v)
+        thrust, torque, thrust_low, torque_low = still(poly, u, v)
         w[at.W_STILL, i] = thrust * geo[at.G_THRUST, i] * p[at.AIR]
         w[at.W_STILL_Q, i] = torque * geo[at.G_TORQUE, i] * p[at.AIR]
         if j >= 0:

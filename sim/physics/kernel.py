@@ -24,7 +24,7 @@ import numpy as np
 from sim.physics import layout as at
 from sim.physics import sensing
 from sim.physics.compile_cache import OPTIONS, cached, inlined, plain
-from sim.physics.drive import follow, kept, lag_of, retarget, supply
+from sim.physics.drive import follow, kept, lag_of, retarget, supply, turned
 from sim.physics.forces import rotated, spin, wrench
 
 SUPPLY_EVERY = 4  # steps between two looks at the battery: its own time constant is 20 ms
@@ -163,7 +163,9 @@ def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
         look = stage == 0 and step % SUPPLY_EVERY == 0 and step < steps
         if look:
             calm = still and y[2] < clear
-            if bends:
+            if poly.shape[2] == at.TABLES:
+                turned(command, state[at.VOLTAGE], geo, p, w, lag[2], pairs, poly)
+            elif bends:
                 retarget(command, state[at.VOLTAGE], geo, p, w, lag[2])
         if stage % 2 or count == 0:  # what speeds are now, half a step and a whole one on
             if count:
@@ -173,7 +175,7 @@ def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
             wrench(y, w, f, p, geo, pairs, blades, lag, load)
         rigid(y, load, body, slope)
         if look:
-            supply(state, w, p, h * min(SUPPLY_EVERY, steps - step))
+            supply(state, w, p, geo, h * min(SUPPLY_EVERY, steps - step), pairs, poly)
         if stage == 0:
             begun(y, w, f, start, total, blades)
         if step < steps:

@@ -36,6 +36,8 @@ O_FORCE, O_ALPHA, O_THRUST = 0, 3, 6
 F_INNER, F_OUTER = 0, 1
 F_START, F_NOW, F_SLOPE, F_SUM, F_ROWS = 0, 2, 4, 6, 8
 
+TABLES = 8  # of a pair: loads, speeds, watts; eq. 17 has no such power
+REACH = 1.25  # how far tables go, of full speed or command: a full pack is 1.15 of the usual voltage
 SOUND_M_S = 340.0
 SLOWEST = 0.15  # below this share of full speed the Reynolds number's power law is not trusted
 FASTEST = 1.2

@@ -32,6 +32,24 @@ class Pair:
         top = max(int(axis.max(initial=0)) for axis in used) + 1
         return np.ascontiguousarray(self.coefficients[:, :top, :top]), np.empty(0)
 
+    @property
+    def cells(self) -> int | None:
+        """In series, of the pack that it was measured on; None: not known."""
+        return None
+
+    @property
+    def reference_V(self) -> float | None:  # noqa: N802
+        """Supply at which commands mean what they mean; None: any."""
+        return None
+
+    def turned(self, upper: ArrayLike, lower: ArrayLike) -> NDArray[np.float64]:
+        """(2, ...) steady normalised speeds at commands."""
+        return np.stack(np.broadcast_arrays(np.asarray(upper, float), np.asarray(lower, float)))
+
+    def watts(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64] | None:
+        """(2, ...) that both sides draw at normalised speeds; None: by their shafts."""
+        return None
+
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
         """(4, ...) upper thrust, upper torque, lower thrust, lower torque at normalised speeds."""
         upper, lower = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))

@@ -30,6 +30,13 @@ class BatteryPack:
     efficiency: float = 0.80
 
 
+def _pack_of(pair: Pair) -> BatteryPack:
+    """A pack for the supply that the pair was measured at."""
+    if pair.cells is None or pair.reference_V is None:
+        return BatteryPack()
+    return BatteryPack(cells=pair.cells, capacity_Ah=10.0, reference_V=pair.reference_V)
+
+
 @dataclass(frozen=True)
 class MotorData:
     """220 rpm a volt; resistance and heat of its size's kind."""
@@ -55,7 +62,7 @@ class Plant:
 
     def __init__(self, vehicle: SimVehicle, pair: Pair, battery: BatteryPack | None = None) -> None:
         self.index = layout  # names of the arrays' entries
-        self.vehicle, self.pair, self.battery = vehicle, pair, battery or BatteryPack()
+        self.vehicle, self.pair, self.battery = vehicle, pair, battery or _pack_of(pair)
         self.motor, self.sensing, self.radius_m = MotorData(), Sensing(), pair.radius_m
         n = vehicle.rotors
         self.parameters = self._default_parameters()
@@ -96,7 +103,29 @@ class Plant:
         p[k.HEAT_CAPACITY] = m.heat_capacity_J_K
         p[k.COOLING] = 1.0 / (m.heat_capacity_J_K * m.cooling_K_W)
         p[k.RESISTANCE], p[k.EFFICIENCY] = b.resistance_ohm, b.efficiency
+        p[k.VOLT_POWER] = float(self.pair.reference_V is not None)  # its ESCs count in volts
         return p
+
+    def steady_speeds(self, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., N) normalised speeds that commands (..., N) give in the end, at the pack's voltage."""
+        supply = 1.0 if self.pair.reference_V is None else self.voltage / self.pair.reference_V
+        partner, lower = np.asarray(self.vehicle.partner), np.asarray(self.vehicle.level) == LOWER
+        mine = np.asarray(commands, float) * supply
+        other = np.where(partner >= 0, mine[..., partner], 0.0)
+        both = self.pair.turned(np.where(lower, other, mine), np.where(lower, mine, other))
+        return np.where(lower, both[1], both[0])
+
+    def rotor_watts(self) -> NDArray[np.float64]:
+        """(N,) that each rotor draws from the pack now."""
+        u = self.speeds
+        partner, lower = np.asarray(self.vehicle.partner), np.asarray(self.vehicle.level) == LOWER
+        other = np.where(partner >= 0, u[partner], 0.0)
+        both = self.pair.watts(np.where(lower, other, u), np.where(lower, u, other))
+        if both is not None:
+            left = self.geometry[layout.G_TORQUE] * self.parameters[layout.AIR]
+            return np.where(lower, both[1], both[0]) * left
+        rate = self.pair.speed_max_rpm * math.pi / 30.0
+        return np.maximum(self.torque * u, 0.0) * rate / self.battery.efficiency
 
     def advance(self, command: NDArray[np.float64], steps: int, step_s: float = STEP_S) -> None:
         """Move on by `steps` steps at constant motor commands (N,) in 0..1."""

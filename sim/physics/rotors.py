@@ -1,4 +1,5 @@
-"""Rotor files: surfaces of the paper's form (`sim.physics.pair`) or blades (`sim.physics.bemt`)."""
+"""Rotor files: surfaces of the paper's form (`sim.physics.pair`), with a drive (`sim.physics.driven_pair`),
+a raw stand map (`sim.physics.tabled_pair`), or blades (`sim.physics.bemt`)."""
 
 from __future__ import annotations
 
@@ -9,22 +10,28 @@ import numpy as np
 from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
 from sim.physics.bemt import bemt_pair
+from sim.physics.driven_pair import driven_pair
 from sim.physics.pair import ORDER, Pair
+from sim.physics.tabled_pair import map_pair
 
 KEYS = (
-    "form", "speed_max_rpm", "rotation", "upper", "lower", "blades", "effects", "identified", "sources"
+    "form", "speed_max_rpm", "rotation", "upper", "lower", "blades", "effects", "identified", "sources",
+    "drive", "battery_power",
 )  # fmt: skip
 SURFACES = (("upper", "thrust_N"), ("upper", "torque_Nm"), ("lower", "thrust_N"), ("lower", "torque_Nm"))
 
 
 def read_pair(path: Path) -> Pair:
-    """Read a rotor file, of surfaces (`rotor_paper.toml` shows the format) or of blades (`pairs/*.toml`).
+    """Read a rotor file, of surfaces (`rotor_paper.toml` shows the format) or of blades (`pairs/*.toml`), or
+    a raw stand map (CSV).
 
     A name without a file is looked up among the world's own pairs. Raises WorldError.
     """
     own = Path(__file__).parents[1] / "pairs" / f"{path.name}.toml"
     if not path.exists() and own.is_file():
         path = own
+    if path.suffix.lower() == ".csv":
+        return map_pair(path)
     document = read_document(path)
     refuse_unknown(path, "", document, KEYS)
     top = read_number(path, "speed_max_rpm", document.get("speed_max_rpm"))
@@ -44,7 +51,7 @@ def read_pair(path: Path) -> Pair:
             where = f"{rotor}.{load}.{name}"
             a, b = _powers(path, where, name)
             coefficients[s, a, b] += read_number(path, where, value)
-    return Pair(top, coefficients)
+    return driven_pair(path, Pair(top, coefficients), document)
 
 
 def _powers(path: Path, where: str, name: str) -> tuple[int, int]:

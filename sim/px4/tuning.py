@@ -77,14 +77,14 @@ def lift_exponent(a: Any, hover: float) -> float:
     return float(np.log(lifted[0] / lifted[1]) / np.log(1.02 / 0.98))
 
 
-def wrench(plant: Plant, u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,) thrust up, roll, pitch, yaw of steady normalised speeds (N,)."""
-    return steady(plant, u[None])[0]
+def wrench(plant: Plant, command: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4,) thrust up, roll, pitch, yaw of steady motor commands (N,)."""
+    return steady(plant, command[None])[0]
 
 
-def steady(plant: Plant, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(rows, 4) thrust up, roll, pitch, yaw of steady normalised speeds (rows, N) on sound rotors."""
-    v = plant.vehicle
+def steady(plant: Plant, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows, 4) thrust up, roll, pitch, yaw of steady motor commands (rows, N) on sound rotors."""
+    v, speeds = plant.vehicle, plant.steady_speeds(commands)
     partner, lower = np.asarray(v.partner), np.asarray(v.level) == LOWER
     other = np.where(partner >= 0, speeds[:, partner], 0.0)
     loads = plant.pair.loads(np.where(lower, other, speeds), np.where(lower, speeds, other))

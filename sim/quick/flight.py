@@ -194,8 +194,9 @@ class _BatchFlight:
         n, at = d.vehicle.rotors, p.index
         self.sensors.read()
         p.state[at.POS : at.POS + 3] = self._goals(0, 1)[0, :3]
-        p.state[at.SPEED : at.SPEED + 2 * n] = [*d.hover_command, *d.hover_command]
         p.swap_battery(self.world.charge)
+        speeds = p.steady_speeds(d.hover_command)
+        p.state[at.SPEED : at.SPEED + 2 * n] = [*speeds, *speeds]
 
     def _goals(self, first: int, last: int) -> Array:
         w = self.world

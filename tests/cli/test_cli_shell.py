@@ -1,6 +1,7 @@
 """Every verb ends in a documented exit code and one line on stderr, never a traceback."""
 
 import os
+import pkgutil
 import shlex
 import subprocess
 import sys
@@ -12,9 +13,13 @@ import typer
 from case_table import case_table
 
 import coaxlink
+import coaxlink.cli
+from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run, say
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
+from coaxlink.files import example
+from sim.vehicle import read_vehicle
 
 
 def shell(error):
@@ -96,13 +101,86 @@ def test_the_help_comes_unasked_and_by_its_short_name(capsys):
 def test_the_list_of_verbs_is_whole_sentences_at_80_columns(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert run(build_app(), ["--help"]) == 0
-    verbs = capsys.readouterr().out.split("Commands:\n")[1].splitlines()
+    groups = capsys.readouterr().out.split("\n\n")[3:]
+    assert [g.partition(":")[0] for g in groups] == ["Measure", "Table", "Board", "Fly", "Logs", "Study"]
+    verbs = [line for group in groups for line in group.strip().splitlines()[1:]]
     assert len(verbs) > 20 and all(line.endswith(".") and not line.endswith("..") for line in verbs)
+    modules = {m.name for m in pkgutil.iter_modules(coaxlink.cli.__path__) if not m.ispkg}
+    assert sorted(line.split()[0] for line in verbs) == sorted(modules)
+
+
+@pytest.mark.slow
+def test_a_verb_is_loaded_when_it_is_called():
+    code = (
+        "import contextlib, sys\nfrom coaxlink.cli import main\n"
+        "for words in (['--help'], ['--version'], ['restore', '--help']):\n"
+        "    with contextlib.suppress(SystemExit):\n        main(words)\n"
+        "    names = [m.split('.') for m in sys.modules if m.startswith('coaxlink.cli.')]\n"
+        "    print('loaded', *(n[2] for n in names if n[2] != 'shared'))\n"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    loaded = [line.split()[1:] for line in said.splitlines() if line.startswith("loaded")]
+    assert loaded[:2] == [[], []] and set(loaded[2]) == {"restore", "upload"}  # what it shares options with
 
 
 def test_the_version_needs_no_verb(capsys):
     assert run(build_app(), ["--version"]) == 0
     assert capsys.readouterr().out == f"coaxlink {coaxlink.__version__}\n"
+    assert run(build_app(), ["--verbose", "--version"]) == 0
+    report = capsys.readouterr().out.splitlines()
+    assert report[0] == f"coaxlink {coaxlink.__version__}" and report[1].startswith("Python 3.")
+    assert any(line.startswith("pymavlink 2.") for line in report)
+    assert run(build_app(), ["--verbose"]) == 2
+    assert capsys.readouterr().err == "coaxlink: Missing command.\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "values"),
+    [
+        ("table x.toml --law ", "fitted reduced standard curved"),
+        ("table x.toml --firmware p", "px4"),
+        ("bridge x.toml --firmware ", "px4 ardupilot"),
+        ("identify --form s", "srm"),
+        ("mix x.toml --law ex", "exact"),
+        ("allocate x.toml --law ", "standard reduced coaxial exact fitted"),
+    ],
+)
+@pytest.mark.slow
+def test_values_complete(line, values):
+    words = f"coaxlink {line}"
+    env = {
+        **os.environ,
+        "_COAXLINK_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split(" ")) - 1),
+    }
+    said = subprocess.run([sys.executable, "-m", "coaxlink"], env=env, capture_output=True, text=True)
+    assert said.stdout.split() == values.split()
+
+
+def test_a_vehicle_s_file_says_where_it_is(capsys, tmp_path):
+    """What is typed goes before it; where neither says, one line does."""
+    plain = example("x8_paper.toml").read_text()
+    (tmp_path / "x8.toml").write_text(f'{plain}\n[defaults]\nconnect = "udpout:127.0.0.1"\n')
+    (tmp_path / "none.toml").write_text(plain)
+    (tmp_path / "odd.toml").write_text(f'{plain}\n[defaults]\nconect = "udpout:127.0.0.1:9"\n')
+    rotor = ["--rotor", str(example("rotor_paper.toml"))]
+    for file, words, said in (
+        ("x8", [], "udpout:127.0.0.1: a port"),
+        ("x8", ["--connect", "tcp:"], "tcp:: "),
+        ("none", [], "--connect: an address is expected, or once for all [defaults] connect in"),
+        ("odd", [], "defaults.conect"),
+    ):
+        assert run(build_app(), ["mix", str(tmp_path / f"{file}.toml"), *rotor, *words]) == 2
+        assert said in capsys.readouterr().err
+    kept = tmp_path / "tables" / "vehicle"
+    kept.mkdir(parents=True)
+    (kept / "airframe.toml").write_bytes((tmp_path / "x8.toml").read_bytes())
+    (tmp_path / "tables" / "x8.params").write_text("1\t1\tCA_ROTOR0_CT\t6.5\t9\n")
+    for verb in ("upload", "verify"):
+        assert run(build_app(), [verb, str(tmp_path / "tables")]) == 2
+        assert "udpout:127.0.0.1: a port" in capsys.readouterr().err
+    assert read_vehicle(tmp_path / "x8.toml").name == load_airframe(tmp_path / "x8.toml").name
 
 
 @pytest.mark.slow

@@ -7,10 +7,10 @@
 int main(int argc, char **argv)
 {
 	using namespace coaxlink;
-	static ExactLaw<ARMS, UPPER_ORDER, LOWER_ORDER> law(NUMBERS<float>, NUMBERS<double>, std::atoi(argv[argc - 1]));
+	static BoardLaw law(NUMBERS<float>, NUMBERS<double>, std::atoi(argv[argc - 1]));
 
 	law.without(static_cast<uint32_t>(std::atoi(argv[1])));
-	double demand[4], out[2 * ARMS + 4];
+	double demand[4], out[4 * ARMS + 4];
 
 	while (std::fread(demand, sizeof(demand), 1, stdin) == 1) {
 		float single[4];
@@ -23,6 +23,8 @@ int main(int argc, char **argv)
 		int n = 0;
 
 		for (float u : law.speed) { out[n++] = static_cast<double>(u); }
+
+		for (int slot = 0; slot < 2 * ARMS; slot++) { out[n++] = static_cast<double>(command(law.speed, slot)); }
 
 		out[n++] = law.settled;
 		out[n++] = law.fell_back;

@@ -30,6 +30,7 @@ class Answers:
     """Of the law on board, a row a demand."""
 
     speeds: Array  # (rows, 2K)
+    commands: Array  # (rows, 2K)
     settled: NDArray[np.bool_]
     fell_back: NDArray[np.bool_]
     passes: Array  # over the arms
@@ -78,7 +79,8 @@ def on_board(program: Path, rows: Array, failed_slots: int = 0, budget: int = BU
     )  # fmt: skip
     table = np.frombuffer(run.stdout).reshape(len(rows), -1)
     settled, fell_back, passes, micros = table[:, -4:].T
-    return Answers(table[:, :-4], settled > 0, fell_back > 0, passes, micros)
+    speeds, commands = np.split(table[:, :-4], 2, axis=1)
+    return Answers(speeds, commands, settled > 0, fell_back > 0, passes, micros)
 
 
 def in_python(vehicle: Vehicle, rows: Array, failed: tuple[int, ...] = ()) -> tuple[Array, NDArray[np.bool_]]:
@@ -89,7 +91,7 @@ def in_python(vehicle: Vehicle, rows: Array, failed: tuple[int, ...] = ()) -> tu
     speeds, settled = np.zeros((len(rows), 2 * law.arms.size)), np.zeros(len(rows), bool)
     for n, wrench in enumerate(wrenches.tolist()):
         settled[n] = law.solve(wrench) > 0
-        speeds[n] = law._state.x
+        speeds[n, law.units.slots] = law._speeds()
     return speeds, settled
 
 
@@ -98,18 +100,30 @@ def merit(about: BoardLaw, speeds: Array, rows: Array) -> Array:
     arms, total = about.arms, np.zeros(len(rows))
     left = rows.copy()
     for k in range(arms.size):
-        u, low = speeds[:, 2 * k], speeds[:, 2 * k + 1]
-        powers = [u**a * low**b for a in range(arms.upper_order + 1) for b in range(arms.lower_order + 1)]
-        loads = np.stack(powers, axis=1) @ arms.load[k].T
-        left -= loads @ arms.gain[k]
-        total += loads[:, 1] * u + loads[:, 3] * low
+        u, v = speeds[:, 2 * k], speeds[:, 2 * k + 1]
+        a, b, c, d = arms.line[k]
+        low, span = a + b * u, c - a + (d - b) * u
+        s = np.divide(v - low, span, out=np.zeros_like(u), where=span > 0)
+
+        def powers(orders: tuple[int, int], u: Array = u, s: Array = s) -> Array:
+            p, q = (range(order + 1) for order in orders)
+            return np.stack([u**i * s**j for i in p for j in q], axis=1)
+
+        left -= powers((arms.order_u, arms.order_s)) @ arms.surface[k].T @ arms.gain[k]
+        total += powers((arms.power_u, arms.power_s)) @ arms.power[k]
     return np.asarray(total + np.maximum(np.abs(left) - RESOLVED, 0.0) @ arms.cap)
 
 
 def reduced_speeds(about: BoardLaw, rows: Array, failed_slots: int) -> Array:
     """(rows, 2K) of the reduced mixer, clipped."""
-    free = np.array([about.arms.hi[i] * (not failed_slots >> i & 1) for i in range(2 * about.arms.size)])
-    return np.minimum(np.sqrt(np.clip(rows @ about.reduced.T, 0.0, None)), free)
+    arms = about.arms
+    found = np.sqrt(np.clip(rows @ arms.squares.T, 0.0, None))
+    for k in range(arms.size):
+        a, b, c, d = arms.line[k]
+        u = np.clip(found[:, 2 * k], arms.lo[2 * k], arms.hi[2 * k])
+        found[:, 2 * k], found[:, 2 * k + 1] = u, np.clip(found[:, 2 * k + 1], a + b * u, c + d * u)
+    still = [failed_slots >> i & 1 for i in range(2 * arms.size)]
+    return np.where(still, 0.0, found)
 
 
 def compare(vehicle: Vehicle, program: Path, rows: int, seed: int = 1) -> list[dict[str, Any]]:

@@ -24,9 +24,20 @@ OURS = {"coaxlink", "firmware_params"}
 # what CPython's documentation of these modules marks "Availability: Unix" or "not Windows"
 NOT_ON_WINDOWS = {
     "modules": ("fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"),
-    "os": ("fork", "geteuid", "getuid", "killpg", "setsid", "O_CLOEXEC", "O_NOCTTY", "O_NONBLOCK"),
+    "os": (
+        "fork",
+        "geteuid",
+        "getuid",
+        "killpg",
+        "setsid",
+        "O_CLOEXEC",
+        "O_NOCTTY",
+        "O_NONBLOCK",
+        "fchmod",
+        "getpgid",
+    ),
     "select": ("poll", "epoll"),
-    "socket": ("MSG_DONTWAIT", "AF_UNIX"),
+    "socket": ("MSG_DONTWAIT", "AF_UNIX", "SO_REUSEPORT"),
     "signal": ("SIGALRM", "SIGHUP", "SIGKILL", "SIGUSR1"),
 }
 
@@ -76,7 +87,8 @@ class OnlyLight:
 
 def as_on_windows() -> None:
     """Take away what Windows has not; third parties look at the platform when imported, so before that."""
-    for module in ("numpy", "scipy.optimize", "pydantic", "typer", "rich.table", "rich.console", "tomli_w"):
+    parties = ("numpy", "scipy.optimize", "pydantic", "typer", "rich.table", "rich.console", "tomli_w")
+    for module in (*parties, "serial", "portalocker", "psutil", "textual.app"):
         importlib.import_module(module)
     import asyncio  # noqa: F401
     import subprocess  # noqa: F401

@@ -5,12 +5,17 @@ mavros fcu_url (libmavconn), QGC's link settings.
 """
 
 import os
+import subprocess
+import sys
+import time
 
 import pytest
+import serial
 from case_table import case_table
 
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink.address import parse_address
+from coaxlink.mavlink.locks import lock, unlock
 from coaxlink.mavlink.port_holder import holder_of_line
 from coaxlink.mavlink.transport import open_transport
 
@@ -124,13 +129,87 @@ def test_listening_on_an_address_of_another_machine_is_no_lost_link():
         open_transport(parse_address("udp:192.0.2.1:14550"), 0.1)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows itself refuses a second one")
 def test_who_holds_a_serial_line_is_named(tmp_path):
     line = tmp_path / "ttyACM0"
     line.touch()
-    for number in (41, os.getpid()):
-        (tmp_path / str(number) / "fd").mkdir(parents=True)
-        (tmp_path / str(number) / "cmdline").write_bytes(b"QGroundControl\0")
-        (tmp_path / str(number) / "fd" / "9").symlink_to(line)
-    assert holder_of_line(str(line), tmp_path) == "process 41 (QGroundControl)"
-    (tmp_path / "41" / "fd" / "9").unlink()
-    assert holder_of_line(str(line), tmp_path) == ""
+    hold = "import sys; held = open(sys.argv[1], 'rb'); print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", hold, str(line), "evil\x1b[2J", "a\nb\r", "x" * 500]
+    with line.open("rb"):  # our own is no other's
+        assert holder_of_line(str(line)) == ""
+        other = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        try:
+            other.stdout.readline()
+            named = holder_of_line(str(line))
+        finally:
+            other.communicate()
+    assert named.startswith(f"process {other.pid} ({sys.executable} -c import sys")
+    assert named.isprintable() and named.endswith("...)") and len(named) < 160
+    assert holder_of_line(str(line)) == "" == holder_of_line(str(tmp_path / "none"))
+
+
+def test_what_is_no_serial_line_is_said(tmp_path):
+    (tmp_path / "file").touch()
+    cases = {str(tmp_path / "file"): "not a serial line", str(tmp_path / "none"): "cannot be opened"}
+    for device, said in cases.items():
+        with pytest.raises(LinkError, match=said) as caught:
+            open_transport(parse_address(f"{device},57600"), 0.1)
+        assert "\n" not in str(caught.value)
+
+
+def test_what_windows_says_of_a_port_is_one_line(monkeypatch):
+    """In the words of pyserial's serialwin32.py, `could not open port {!r}: {!r}` of ctypes.WinError()."""
+    cases = {
+        "FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)":
+            "COM3,57600: cannot be opened (The system cannot find the file specified.)",
+        "PermissionError(13, 'Access is denied.', None, 5)":
+            "COM3,57600: the line is in use by another program, or not yours to open",
+    }  # fmt: skip
+    for raised, said in cases.items():
+
+        def refuse(*_, raised=raised, **__):
+            raise serial.SerialException(f"could not open port 'COM3': {raised}")
+
+        monkeypatch.setattr(serial, "Serial", refuse)
+        with pytest.raises(LinkError) as caught:
+            open_transport(parse_address("COM3,57600"), 0.1)
+        assert str(caught.value) == said
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no pseudo terminals there")
+def test_a_serial_line_reads_what_is_there_and_is_nobody_elses():
+    import pty
+
+    far, near = pty.openpty()
+    address = parse_address(f"{os.ttyname(near)},57600")
+    line = open_transport(address, 0.1)
+    try:
+        assert line.read(0.01)[0] == b"" == line.read(0.0)[0]
+        os.write(far, bytes(range(256)))  # no byte is a terminal's to change
+        time.sleep(0.05)
+        assert line.read(0.5)[0] == bytes(range(256))
+        line.write(b"\r\n\x03\x04")
+        assert os.read(far, 64) == b"\r\n\x03\x04"
+        with pytest.raises(LinkError, match="in use"):
+            open_transport(address, 0.1)
+        os.close(far)
+        with pytest.raises(LinkError, match="the line is gone"):
+            line.read(0.5)
+    finally:
+        line.close()
+        os.close(near)
+
+
+def test_a_shared_lock_is_let_go_of_before_it_is_taken_alone(tmp_path):
+    def opened():
+        return os.open(tmp_path / "x.lock", os.O_RDWR | os.O_CREAT)
+
+    first, second = opened(), opened()
+    lock(first, shared=True)
+    lock(second, shared=True)
+    unlock(first)
+    with pytest.raises(BlockingIOError):
+        lock(first, wait=False)
+    os.close(second)
+    lock(first, wait=False)
+    os.close(first)

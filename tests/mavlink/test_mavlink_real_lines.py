@@ -38,7 +38,7 @@ pytestmark = pytest.mark.slow
 KEY = bytes(range(32))
 PIECE = 11  # bytes at a time: a stream knows no frames
 NAME = "CA_ROTOR0_CT"
-LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc is Linux's")
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="macOS tells root alone")
 CHILD = """
 import sys, time
 from pathlib import Path
@@ -260,19 +260,6 @@ def test_who_holds_a_port_is_named():
                 s.listen()
             assert holder_of(port, kind).startswith(f"process {os.getpid()} (")
         assert holder_of(port, kind) == UNKNOWN
-
-
-def test_a_process_that_names_itself_with_control_characters_stays_on_its_line(tmp_path):
-    row = (
-        "  12: 0100007F:4E20 00000000:0000 07 00000000:00000000 00:00000000 00000000  1000        0 777 2 0 0"
-    )
-    (tmp_path / "net").mkdir(parents=True)
-    (tmp_path / "net" / "udp").write_text(f"  sl  local_address ...\n{row}\nshort\n")
-    (tmp_path / "41" / "fd").mkdir(parents=True)
-    (tmp_path / "41" / "cmdline").write_bytes(b"evil\x1b[2J\0a\nb\r\0" + b"x" * 500)
-    (tmp_path / "41" / "fd" / "4").symlink_to("socket:[777]")
-    assert holder_of(20000, "udp", tmp_path) == "process 41 (evil?[2J a?b? " + "x" * 106 + "...)"
-    assert holder_of(20001, "udp", tmp_path) == UNKNOWN == holder_of(20000, "udp", tmp_path / "none")
 
 
 def test_nothing_of_a_killed_session_can_be_played_back(key_file, tmp_path):

@@ -8,12 +8,13 @@ from rotor_bench import eq17, grid
 
 from coaxlink.rotor.lasso import (
     InfeasibleTolerance,
-    block_errors,
     lambda_grid,
     lasso_path,
     refitted,
     tolerance_form,
 )
+from coaxlink.rotor.selection import _Sums
+from coaxlink.rotor.stand_data import LoadRows
 
 
 def lower_thrust() -> tuple[np.ndarray, np.ndarray]:
@@ -68,21 +69,17 @@ def test_refit_is_least_squares_on_each_support() -> None:
     np.testing.assert_array_equal(refitted(twins, np.ones(2), np.array([[0.3, 0.2]])), [[0.3, 0.2]])
 
 
-def test_block_errors_are_those_of_a_path_that_has_not_seen_the_block() -> None:
+def test_errors_of_a_block_are_those_of_a_path_that_has_not_seen_it() -> None:
     X, y = lower_thrust()
     fold = np.repeat(np.arange(11), 11)
-    lambdas = lambda_grid(X.T @ y, 5)
-    parts = [(X[fold == k], y[fold == k]) for k in range(11)]
-    errors = block_errors(
-        np.array([P.T @ P for P, _ in parts]),
-        np.array([P.T @ z for P, z in parts]),
-        np.array([z @ z for _, z in parts]),
-        lambdas,
-    )
-    Z, z = X[fold != 4], y[fold != 4]
-    path = refitted(Z.T @ Z, Z.T @ z, lasso_path(Z.T @ Z, Z.T @ z, lambdas))
-    expected = [np.sum((parts[4][1] - parts[4][0] @ b) ** 2) for b in path]
-    np.testing.assert_allclose(errors[4], expected, rtol=1e-6)
+    rows = LoadRows("lower.thrust_N", *grid(), y, fold)
+    sums = _Sums(X, rows, np.ones(len(y)), range(11))
+    scale = np.sqrt(np.mean(X**2, axis=0))
+    Z, z = (X / scale)[fold != 4], y[fold != 4]
+    path = refitted(Z.T @ Z, Z.T @ z, lasso_path(Z.T @ Z, Z.T @ z, sums.lambdas)) / scale
+    expected = [np.sum((y - X @ b)[fold == 4] ** 2) for b in path]
+    np.testing.assert_allclose(sums.error(sums.path([4]), 4), expected, rtol=1e-6)
+    assert sums.path([4, 7]) is sums.path([7, 4])
 
 
 def test_tolerance_form_spends_all_of_its_tolerance() -> None:

@@ -23,12 +23,12 @@ GUIDED, RTL, LAND = 4, 6, 9
 class Pilot:
     """`now` follows the vehicle's clock: what wall time decides, the ticks decide here."""
 
-    def __init__(self, firmware: str = "px4", ports: int = 1, **world: Any) -> None:
+    def __init__(self, firmware: str = "px4", ports: int = 1, frame: Path = X8, **world: Any) -> None:
         self.now, self.ports = 0.0, [MemoryPort() for _ in range(ports)]
         for port in self.ports:
             port.put(0, b"")
         self.standin: Standin = build(
-            World(X8, firmware=firmware, **world), self.ports, clock=lambda: self.now
+            World(frame, firmware=firmware, **world), self.ports, clock=lambda: self.now
         )
         self.autopilot: Any = self.standin.autopilot
         self.copter = firmware == "ardupilot"

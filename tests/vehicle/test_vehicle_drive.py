@@ -1,4 +1,4 @@
-"""A drive between commands and speeds: what tables turn, what laws are told, and the watts that come of it."""
+"""A drive between commands and speeds: what tables turn, what laws are told, and what that takes."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ from coaxlink.vehicle import Conditions, Vehicle
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
-BENT = SideDrive((0.0, 0.62, 0.0), 0.22, (0.05, 1.0))
+BENT = SideDrive((0.0, 0.62, 0.0), 0.22, range=(0.05, 1.0))
 DRIVEN = dataclasses.replace(CRM, drive=Drive(BENT, BENT, 22.0))
 VEHICLE = Vehicle(X8, DRIVEN)
 RAD_S = CRM.speed_max_rpm * math.pi / 30.0
@@ -30,8 +30,8 @@ def turns(upper_command, lower_command):
     """Speeds of both rotors, one root after the other."""
     u = v = 0.5
     for _ in range(40):
-        u = brentq(lambda x: 0.62 * x + 0.22 * float(CRM.upper_torque(x, v)) - upper_command, 0.0, 2.0)
-        v = brentq(lambda x: 0.62 * x + 0.22 * float(CRM.lower_torque(u, x)) - lower_command, 0.0, 2.0)
+        u = brentq(lambda x, v=v: 0.62 * x + 0.22 * float(CRM.upper_torque(x, v)) - upper_command, 0.0, 2.0)
+        v = brentq(lambda x, u=u: 0.62 * x + 0.22 * float(CRM.lower_torque(u, x)) - lower_command, 0.0, 2.0)
     return u, v
 
 
@@ -105,7 +105,7 @@ def test_an_older_file_s_curve_is_read_as_a_drive(tmp_path):
         ("command = [0.0, -0.5, 0.0]", "does not grow"),
         ("command = [0.0, 1.0]\nrange = [0.9, 0.2]", "low < high"),
         ("command = [0.0]", "command"),
-        ("command = [0.0, 1.0]\ntorque_per_Nm = -1.0", "torque_per_Nm"),
+        ('command = [0.0, 1.0]\ntorque_per_Nm = "much"', "torque_per_Nm"),
     ],
 )
 def test_a_drive_that_turns_nothing_is_refused_by_its_key(tmp_path, side, words):

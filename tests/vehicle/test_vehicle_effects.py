@@ -38,6 +38,11 @@ def vehicle_with(*effects, **at):
     return Vehicle(X8, dataclasses.replace(CRM, effects=effects), Conditions(**at))
 
 
+def commands(law, of):
+    """(8,) what the motors are told for the demand."""
+    return np.clip(of.commanded(make_law(law, of).speeds(DEMAND)), 0.0, 1.0)
+
+
 def delivered(
     u, *, speed=1.0, weak=None, shift=(0.0, 0.0), thrust_gain=1.0, climb=0.0, less=0.0, more=0.0, bend=None
 ):
@@ -97,7 +102,7 @@ def test_the_demand_is_delivered_by_rotors_that_have_the_effect(law):
     for case, (effects, at, truth) in CASES.items():
         s = vehicle_with(*effects, **at)
         assert set(s.compensated) == {e.name for e in effects} and not s.left_out, case
-        missed = np.abs(delivered(make_law(law, s).speeds(DEMAND), **truth) - DEMAND).max()
+        missed = np.abs(delivered(commands(law, s), **truth) - DEMAND).max()
         # a loss that does not grow with speed is no polynomial of a rotor that stands: it is met closely
         if missed > (0.1 if "more" in truth else 1e-6):
             wrong[case] = missed
@@ -118,7 +123,7 @@ def test_a_curved_surface_is_delivered_on():
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
     for effect, bend in ((INTERFERENCE, interfered), (BLADE, bladed)):
         s = vehicle_with(effect)
-        u = make_law("exact", s).speeds(DEMAND)
+        u = commands("exact", s)
         assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=0.35), effect.name
         assert abs(delivered(blind, bend=bend)[0] - DEMAND[0]) > 1.5
         assert s.model.upper_thrust(0.0, 0.0) == 0.0
@@ -134,7 +139,7 @@ def test_a_pair_at_another_spacing_than_the_bench_had():
         return [each[0] + 0.5 * b * b, each[1], each[2] - 0.15 * wake, each[3] - 0.1 * drag]
 
     s = vehicle_with(wider)
-    u = make_law("exact", s).speeds(DEMAND)
+    u = commands("exact", s)
     assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1e-6)
     unknown = vehicle_with(EffectEntry("rotor_spacing", numbers))
     assert "at which spacing" in unknown.left_out["rotor_spacing"]
@@ -143,7 +148,7 @@ def test_a_pair_at_another_spacing_than_the_bench_had():
 @pytest.mark.slow
 def test_the_linear_laws_know_a_weak_rotor_too():
     for law, share in (("fitted", 0.1), ("reduced", 0.8), ("standard", 0.8)):
-        speeds = [make_law(law, of).speeds(DEMAND) for of in (Vehicle(X8, CRM), vehicle_with(WEAK))]
+        speeds = [commands(law, of) for of in (Vehicle(X8, CRM), vehicle_with(WEAK))]
         blind, told = (np.abs(delivered(u, weak=2) - DEMAND)[1:3].max() for u in speeds)
         assert told < share * blind, law
 
@@ -162,7 +167,7 @@ def test_commands_begin_where_motors_start():
     band, share = 0.08, 0.9
     s = vehicle_with(EffectEntry("dead_band", {"band": band, "share": share, "stretched": 1.0}))
     assert "0.08" in s.compensated["dead_band"]
-    u = make_law("exact", s).speeds(DEMAND)
+    u = commands("exact", s)
     turned = u + share * ((u - band) / (1.0 - band) - u)
     assert delivered(turned) == pytest.approx(DEMAND, abs=0.35)
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
@@ -189,7 +194,7 @@ def test_every_variant_of_a_blade_speed_law_is_delivered_on():
             share = lift(a), drag(a), lift(b), drag(b)
             return [e * (1.0 + s) for e, s in zip(each, share, strict=True)]
 
-        u = make_law("exact", vehicle_with(EffectEntry("blade_speed_law", numbers))).speeds(DEMAND)
+        u = commands("exact", vehicle_with(EffectEntry("blade_speed_law", numbers)))
         assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1.5), (
             numbers
         )  # the surface is a polynomial
@@ -198,7 +203,7 @@ def test_every_variant_of_a_blade_speed_law_is_delivered_on():
 
 def test_a_motor_that_takes_its_idling_off_is_told_more():
     s = vehicle_with(EffectEntry("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
-    u = make_law("exact", s).speeds(DEMAND)
+    u = commands("exact", s)
     assert delivered(np.sqrt(np.maximum(u**2 - 0.04, 0.0))) == pytest.approx(DEMAND, abs=1.2)
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
     assert delivered(np.sqrt(np.maximum(blind**2 - 0.04, 0.0)))[0] < DEMAND[0] - 10.0
@@ -217,7 +222,7 @@ def test_air_of_another_density_is_stated():
     air = EffectEntry("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
     assert "air_density_kg_m3" in vehicle_with(air).left_out["air_density"]
     s = vehicle_with(air, air_density_kg_m3=1.0)
-    u = make_law("exact", s).speeds(DEMAND)
+    u = commands("exact", s)
     pull, drag = X8.loads(CRM, u)
     assert X8.wrench(pull / 1.2, drag / 1.2) == pytest.approx(DEMAND, abs=1e-6)
 

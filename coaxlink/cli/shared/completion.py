@@ -1,13 +1,32 @@
-"""Completion is made for the shell that asks for it; where none is found, one line says so."""
+"""Completion is made for the shell that asks for it; where none is found, one line says so. And the values
+that options complete to."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from coaxlink.errors import InputError
 
 OPTIONS = ("--install-completion", "--show-completion")
 SHELLS = ("bash", "zsh", "fish", "powershell", "pwsh")  # what typer completes for
+FIRMWARES = ("px4", "ardupilot")
+TABLE_LAWS = ("fitted", "reduced", "standard", "curved")
+
+
+def one_of(*values: str) -> Callable[[str], list[str]]:
+    """What typer asks for the values of an option."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [value for value in values if value.startswith(incomplete)]
+
+    return complete
+
+
+def laws(incomplete: str) -> list[str]:
+    """Names of the laws that allocate and mix."""
+    from coaxlink.mixer.registry import LAWS
+
+    return one_of(*LAWS)(incomplete)
 
 
 def require_shell(arguments: Sequence[str]) -> None:

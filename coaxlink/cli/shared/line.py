@@ -4,12 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from coaxlink.cli.shared.shell import say
+from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.mavlink import Session
+
+
+def address_of(typed: str | None, airframe: Path | None) -> str:
+    """Where the vehicle is: what was typed, else what its file says. Raises InputError where neither does."""
+    from coaxlink.airframe import load_airframe
+
+    found = typed if typed is not None or airframe is None else load_airframe(airframe).connect
+    if found or typed is not None:
+        return found or ""
+    where = airframe or "the vehicle's file"
+    wanted = f"an address is expected, or once for all [defaults] connect in {where}"
+    raise InputError("--connect", "", wanted)
 
 
 @contextmanager

@@ -17,13 +17,8 @@ WRITTEN = {
 }  # fmt: skip
 
 
-def check_outputs_first(group: Any) -> None:
-    """Make every verb of a command line look at its outputs before it begins."""
-    for verb in getattr(group, "commands", {}).values():
-        _look_before(verb)
-
-
-def _look_before(verb: Any) -> None:
+def look_before(verb: Any) -> None:
+    """Make a verb look at its outputs before it begins."""
     begin = verb.invoke
 
     def invoke(context: Any) -> Any:

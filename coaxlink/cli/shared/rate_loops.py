@@ -36,6 +36,12 @@ def keep_vehicle(out: Path, vehicle: Vehicle, rotor_file: Path) -> None:
         (folder / _CONDITIONS).unlink(missing_ok=True)
 
 
+def kept_airframe(source: Path) -> Path | None:
+    """The airframe file that a table's folder keeps, None where it keeps none."""
+    path = (source if source.is_dir() else source.parent) / FOLDER / _AIRFRAME
+    return path if path.is_file() else None
+
+
 def forget_vehicle(out: Path) -> None:
     """Take an earlier table's vehicle away: it is not this one's."""
     shutil.rmtree(out / FOLDER, ignore_errors=True)
@@ -44,7 +50,7 @@ def forget_vehicle(out: Path) -> None:
 def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Present:
     """What `Talk.present` does for a table's folder: its price beside the table on board, in three lines, and
     one on the rate loops."""
-    folder = (source if source.is_dir() else source.parent) / FOLDER
+    airframe = kept_airframe(source)
 
     def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
         from coaxlink.mixer.worth import weigh
@@ -52,10 +58,10 @@ def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Pr
         from coaxlink.tables.behaviour import behaviour
         from coaxlink.tables.rate_gains import preserved_gains
 
-        if not (folder / _AIRFRAME).is_file():
+        if airframe is None:
             return
         try:
-            vehicle = _vehicle(folder)
+            vehicle = _vehicle(airframe.parent)
             mixes = _mixes(plan, board, on_board, spin_from_table)
             old, new = (behaviour(vehicle, speeds) for speeds in mixes)
             before, after = (weigh(vehicle, speeds) for speeds in mixes)

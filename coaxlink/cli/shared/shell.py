@@ -18,7 +18,6 @@ import typer
 from coaxlink.absent import absent
 from coaxlink.cli.shared.completion import require_shell
 from coaxlink.cli.shared.options import by_option
-from coaxlink.cli.shared.outputs import check_outputs_first
 from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.plain import plain_lines
 
@@ -87,10 +86,8 @@ def _drop(stream: TextIO) -> None:
 
 @functools.lru_cache(maxsize=1)
 def _command(app: typer.Typer) -> Any:
-    """All verbs as click has them: 30 ms, so once a process."""
-    command = typer.main.get_command(app)
-    check_outputs_first(command)
-    return command
+    """The command line as click has it, once a process."""
+    return typer.main.get_command(app)
 
 
 def _run(app: typer.Typer, arguments: Sequence[str]) -> int:

@@ -17,9 +17,10 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
 from coaxlink.live.mixer_core import DemandScale
 from coaxlink.mixer import standard_coefficients
-from coaxlink.mixer.exact.law import PRIORITY, Units, scaled
+from coaxlink.mixer.edge import Edge
+from coaxlink.mixer.exact import ExactLaw
+from coaxlink.mixer.exact.arms import Units
 from coaxlink.mixer.exact.solver import Arms
-from coaxlink.mixer.linear import reduced
 from coaxlink.vehicle import Vehicle, refuse_live
 
 HASH_BITS = 24  # whole numbers up to 2^24 are exact in a message's single precision
@@ -41,8 +42,8 @@ class BoardLaw(BoardVehicle):
     arms: Arms  # numpy arrays; see exact.solver
     units: Units
     wrench: NDArray[np.float64]  # (4, 4) N and N m [thrust, roll, pitch, yaw] per [roll, pitch, yaw, thrust]
-    reduced: NDArray[np.float64]  # (2K, 4) squared speeds of the reduced mixer per unit of demand, by rank
     hover: float  # thrust demand that lifts the weight
+    edge: Edge  # what motors are told for speeds
 
     @property
     def demand(self) -> NDArray[np.float64]:
@@ -58,22 +59,22 @@ def board_vehicle(declared: Airframe) -> BoardVehicle:
 def board_law(vehicle: Vehicle) -> BoardLaw:
     """The numbers of a vehicle.
 
-    Raises InputError where effects were left to live mixing, and where the rotors cannot make four axes or
-    do not hover between 0.05 and 0.95 of the thrust that a demand of 1 means.
+    Raises InputError where effects were left to live mixing or bend commands more than `Edge` holds, and
+    where the rotors cannot make four axes or do not hover between 0.05 and 0.95 of the thrust that a demand
+    of 1 means.
     """
     refuse_live(vehicle)
     frame = vehicle.airframe
-    arms, units = scaled(vehicle, low=0.0, high=1.0, failed=(), priority=PRIORITY)
+    law = ExactLaw(vehicle)
+    arms, units = law.arms, law.units
     wrench = DemandScale(frame, standard_coefficients(vehicle.model, of_commands=True)).matrix
-    inverse = np.zeros((2 * arms.size, 4))
-    inverse[units.slots] = reduced(vehicle).inverse[:, units.order] * units.scale
     weight = frame.mass_kg * GRAVITY_M_S2
     hover = weight / float(wrench[0, 3])
     if not 0.05 < hover < 0.95:
         problem = f"{weight:.0f} N is {hover:.2f} of what the rotors lift: 0.05 to 0.95 is expected"
         raise InputError(frame.source or frame.name, "mass_kg", problem)
     of = board_vehicle(vehicle.declared)
-    return BoardLaw(of.name, of.identity, of.rotors, arms, units, wrench, inverse, hover)
+    return BoardLaw(of.name, of.identity, of.rotors, arms, units, wrench, hover, Edge.of(vehicle))
 
 
 def airframe_hash(frame: Airframe) -> int:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from coaxlink._version import __version__
 from coaxlink.errors import InputError
 from coaxlink.live.onboard.description import BoardLaw
+from coaxlink.mixer.edge import STRAIGHT, Edge
 
 FOLDER = Path(__file__).with_name("px4_module")
 SOURCES = ("CoaxMixer.cpp", "CoaxMixer.hpp", "Companion.hpp", "coax_law.hpp", "module.yaml")
@@ -27,20 +28,44 @@ def vehicle_header(about: BoardLaw, made_from: str) -> str:
         identity=f"0x{about.identity:06x}",
         rotors=about.rotors,
         arms=arms.size,
-        upper=arms.upper_order,
-        lower=arms.lower_order,
+        surfaces=arms.surfaces,
+        order_u=arms.order_u,
+        order_s=arms.order_s,
+        power_u=arms.power_u,
+        power_s=arms.power_s,
         slots=", ".join(map(str, about.units.slots)),
         hover=_number(about.hover),
-        load=_table(arms.load),
+        surface=_table(arms.surface),
+        power=_table(arms.power),
         gain=_table(arms.gain),
         lo=_table(arms.lo),
         hi=_table(arms.hi),
         cap=_table(arms.cap),
-        reduced=_table(about.reduced),
+        reduced=_table(arms.squares),
+        line=_table(arms.line),
+        home=_table(arms.home),
+        within=_number(float(arms.within[0])),
+        **_drives(about.edge),
         demand=_table(about.demand),
         wrench=_table(about.wrench),
         back=_table(np.linalg.inv(about.demand)),
     )
+
+
+def _drives(edge: Edge) -> dict[str, str]:
+    """What turns a speed, as the header has it."""
+    nominal = edge.nominal or (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    found = {"driven": "false" if edge.straight else "true", "nominal": _table(nominal)}
+    drives = edge.drives or (STRAIGHT, STRAIGHT)
+    torques = [np.array(drive.torque.coefficients) for drive in drives]
+    shape = tuple(max(t.shape[i] for t in torques) for i in (0, 1))
+    found |= {"torque_u": str(shape[0] - 1), "torque_l": str(shape[1] - 1)}
+    for name, drive, torque in zip(("upper_drive", "lower_drive"), drives, torques, strict=True):
+        dense = np.zeros(shape)
+        dense[: torque.shape[0], : torque.shape[1]] = torque
+        tables = _table(dense.ravel()), _table(drive.command), _table(drive.per_torque), _number(drive.least)
+        found[name] = ", ".join(tables)
+    return found
 
 
 def plain_ascii(text: str) -> str:

@@ -23,16 +23,16 @@ OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "_n
 
 
 @cache
-def functions() -> tuple[Any, Any]:
-    """(`solver.optimum`, `solver.batch`) compiled. Raises ImportError without numba."""
+def function() -> Any:
+    """`solver.optimum` compiled. Raises ImportError without numba."""
     import numba
     from numba.extending import register_jitable
 
-    for function in vars(solver).values():
-        if isfunction(function) and function.__module__ == solver.__name__:
-            register_jitable(**OPTIONS)(function)  # the two may call it
+    for part in vars(solver).values():
+        if isfunction(part) and part.__module__ == solver.__name__:
+            register_jitable(**OPTIONS)(part)  # it may call it
     with kept_code() as keep:
-        return tuple(numba.njit(f, cache=keep, **OPTIONS) for f in (solver.optimum, solver.batch))
+        return numba.njit(solver.optimum, cache=keep, **OPTIONS)
 
 
 @contextmanager

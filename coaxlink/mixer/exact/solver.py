@@ -1,15 +1,18 @@
 # mypy: disallow-untyped-defs=False
-"""The exact law's arithmetic: least power for a wrench on polynomial rotors, speeds between bounds.
+"""The exact law's arithmetic: least power for a wrench on polynomial arms, coordinates between bounds.
 
-    min P(x) = sum_k q_u u_u + q_l u_l   subject to   W(x) = mu,   lo <= x <= hi
+    min P(x) = sum_k P_k(u, s)   subject to   W(x) = mu,   lo <= x <= hi
+
+u is the upper rotor's speed, s where the lower one's lies between the least and the greatest it may have
+beneath that (`exact.arms`): so the bounds are a box, and the corner where a lower rotor windmills is outside.
 
 with strict priorities when no x delivers mu: axis j may be missed at the price of cap_j |mu_j - W_j|, caps a
 hundredfold apart (an exact penalty), so a lower axis is given up before a higher one is touched.
 
-Sequential quadratic programming, warm-started. Read from the bottom: `optimum` (where to start from, and the
-sure way when that fails), `solve` (steps until nothing is missed), `quadratic_step` (one quadratic problem:
-active set and prices), `climb` (the sure way through one), `assemble` and `factor` (its 4 x 4 Schur
-complement: the Hessian of the Lagrangian is a 2 x 2 block an arm), `expand` (loads and slopes).
+Sequential quadratic programming, warm-started. Read from the bottom: `settled` (where to start from, and
+where again when that fails), `solve` (steps until nothing is missed), `quadratic_step` (one quadratic
+problem: active set and prices), `climb` (the sure way through one), `assemble` and `factor` (its 4 x 4 Schur
+complement: the Hessian of the Lagrangian is a 2 x 2 block an arm), `expand` (surfaces and slopes).
 
 Floats, indexing and loops, and no allocation: the same functions run on lists in plain Python and on arrays
 when numba compiles them (`exact.compiled`). Everything is normalised by `exact.law`: axes in order of
@@ -23,22 +26,28 @@ from typing import Any, NamedTuple
 
 
 class Arms(NamedTuple):
-    """A vehicle of K arms; a single rotor is an arm whose second speed is held at 0.
+    """A vehicle of K arms; a single rotor is an arm whose second coordinate is held at 0.
 
-    Speeds are (2K,): the upper and the lower one of each arm.
+    x is (2K,): u and s of each arm. What an arm does to the body are M surfaces of these, as few as its four
+    loads need: of an ordinary pair two, the sum of its thrusts and the difference of its torques.
     """
 
     size: int  # K
-    upper_order: int  # highest power of an upper speed in any load
-    lower_order: int
-    load: Any  # (K, 4, T) coefficients by rows of powers of the upper speed; loads as below
-    gain: Any  # (K, 4, 4) wrench by axis of a unit of each load
+    surfaces: int  # M
+    order_u: int  # highest power of u in any surface
+    order_s: int
+    power_u: int  # and in the power
+    power_s: int
+    surface: Any  # (K, M, T) coefficients by rows of powers of u
+    power: Any  # (K, T')
+    gain: Any  # (K, M, 4) wrench by axis of a unit of each surface
     lo: Any  # (2K,) bounds
     hi: Any
     cap: Any  # (4,) most that an axis is worth, in power
-
-
-UPPER_TORQUE, LOWER_TORQUE = 1, 3  # of the loads: upper thrust, upper torque, lower thrust, lower torque
+    squares: Any  # (2K, 4) of the reduced law: squared speeds per wrench
+    line: Any  # (K, 4) least and greatest lower speed: at rest, and per unit of u, each
+    home: Any  # (2K,) where the vehicle hovers
+    within: Any  # (1,) of mu: what is missed without being a fault, of the vehicle's authority
 
 
 class State(NamedTuple):
@@ -70,7 +79,10 @@ class State(NamedTuple):
     old_gone: Any  # (3, 4)
     old_x: Any  # (3, 2K)
     old_act: Any  # (3, 2K)
-    smooth: Any  # (1,) 1 if the last call's speeds were reached by a smooth motion, 0 if by a jump
+    smooth: Any  # (1,) 1 if the last call's x was reached by a smooth motion, 0 by a jump, -1 by a leap
+    best: Any  # (2K,) of all starts so far
+    looked: Any  # (5,) where the last look all round was made (mu), and whether one was: 1
+    looks: Any  # (1,) how many were made
 
 
 CURVATURE = 0.05  # least curvature of an arm's block
@@ -84,19 +96,24 @@ GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
 MISS_DONE = 1e-9  # of the vehicle's authority: what corrections must reach
 CORRECTIONS = 3  # that reuse one factor
 SETTLING, GRACE = 0.1, 3  # a step this small at the limit earns a few more: it shrinks by its square
+SAME = 1e-6  # of the merit: two ends are one
 PERSIST = 60  # steps inside a trust region
+# stages of a call: from the last solution, from hover, from STARTS all round, from the best of them
+NEAR, HOME, STARTS = 0, 1, 4
+AGAIN = HOME + STARTS + 1
 # remembered: the last call; the solutions that stood before the last jump out of reach, and before that back
 LAST, WITHIN, BEYOND = 0, 1, 2
 JUMP = 0.02  # of the vehicle's authority, all axes together: more is no smooth motion
+LEAP = 0.1  # the same: more may end in another valley of the power
 CLEARLY = 1.5  # times nearer: else the last solution, which the active set is surest of, serves
 NEVER = 1e9  # further from any wrench than any wrench can be: nothing is remembered there yet
 
 
-# loads and slopes
+# surfaces and slopes
 
 
 def surface(c, nu, nl, u, l):  # noqa: E741
-    """(f, f_u, f_l, f_uu, f_ul, f_ll) of a load's coefficients, by Horner's rule in both speeds."""
+    """(f, f_u, f_l, f_uu, f_ul, f_ll) of a surface's coefficients, by Horner's rule in both coordinates."""
     f = fu = fuu = fl = ful = fll = 0.0
     for a in range(nu, -1, -1):
         r = rl = rll = 0.0
@@ -125,22 +142,24 @@ def value(c, nu, nl, u, l):  # noqa: E741
 
 
 def miss(p, s):
-    """The wrench still missing at x, and the power."""
+    """The wrench still missing at x."""
     m0, m1, m2, m3 = s.mu[0], s.mu[1], s.mu[2], s.mu[3]
-    power = 0.0
     for k in range(p.size):
         u, l = s.x[2 * k], s.x[2 * k + 1]  # noqa: E741
-        for n in range(4):
-            f, gain = value(p.load[k][n], p.upper_order, p.lower_order, u, l), p.gain[k][n]
+        for n in range(p.surfaces):
+            f, gain = value(p.surface[k][n], p.order_u, p.order_s, u, l), p.gain[k][n]
             m0 -= gain[0] * f
             m1 -= gain[1] * f
             m2 -= gain[2] * f
             m3 -= gain[3] * f
-            if n == UPPER_TORQUE:
-                power += f * u
-            elif n == LOWER_TORQUE:
-                power += f * l
     s.miss[0], s.miss[1], s.miss[2], s.miss[3] = m0, m1, m2, m3
+
+
+def cost(p, s):
+    """The power at x."""
+    power = 0.0
+    for k in range(p.size):
+        power += value(p.power[k], p.power_u, p.power_s, s.x[2 * k], s.x[2 * k + 1])
     s.power[0] = power
 
 
@@ -158,28 +177,16 @@ def expand_arm(p, s, k):
     by_u, by_l, left, price = s.jacobian[2 * k], s.jacobian[2 * k + 1], s.miss, s.price
     for j in range(4):
         by_u[j] = by_l[j] = 0.0
-    gu = gl = uu = ul = ll = 0.0
-    for n in range(4):
-        f, fu, fl, fuu, ful, fll = surface(p.load[k][n], p.upper_order, p.lower_order, u, l)
+    f, gu, gl, uu, ul, ll = surface(p.power[k], p.power_u, p.power_s, u, l)
+    for n in range(p.surfaces):
+        f, fu, fl, fuu, ful, fll = surface(p.surface[k][n], p.order_u, p.order_s, u, l)
         gain = p.gain[k][n]
-        weight = 0.0  # of the load in the Lagrangian
+        weight = 0.0  # of the surface in the Lagrangian
         for j in range(4):
             left[j] -= gain[j] * f
             by_u[j] += gain[j] * fu
             by_l[j] += gain[j] * fl
             weight -= gain[j] * price[j]
-        if n == UPPER_TORQUE:  # power f u
-            weight += u
-            gu += f + fu * u
-            gl += fl * u
-            uu += 2.0 * fu
-            ul += fl
-        elif n == LOWER_TORQUE:  # power f l
-            weight += l
-            gu += fu * l
-            gl += f + fl * l
-            ll += 2.0 * fl
-            ul += fu
         uu += weight * fuu
         ul += weight * ful
         ll += weight * fll
@@ -194,7 +201,8 @@ def expand_arm(p, s, k):
 
 
 def merit(p, s):
-    """Power plus the price of what is missing, of the last `miss`."""
+    """Power plus the price of what is missing, by the last `miss`."""
+    cost(p, s)
     total = s.power[0]
     for j in range(4):
         total += p.cap[j] * abs(s.miss[j])
@@ -658,7 +666,7 @@ def start(p, s):
     """
     jump = away(s, LAST)
     if jump < JUMP:
-        ahead, last = s.smooth[0], s.old_x[LAST]
+        ahead, last = max(s.smooth[0], 0.0), s.old_x[LAST]
         for i in range(2 * p.size):
             at = s.x[i]
             s.x[i], last[i] = at + ahead * (at - last[i]), at
@@ -670,7 +678,7 @@ def start(p, s):
         other = WITHIN if out else BEYOND
         if CLEARLY * away(s, other) < jump:
             recall(p, s, other)
-        s.smooth[0] = 0.0
+        s.smooth[0] = -1.0 if out or jump > LEAP else 0.0
     for j in range(4):
         s.old_mu[LAST][j] = s.mu[j]
     for i in range(2 * p.size):
@@ -679,52 +687,141 @@ def start(p, s):
             s.act[i] = -1
 
 
-def restart(p, s):
-    """The middle of the bounds, nothing held, nothing priced."""
+def stand(p, s, x):
+    """Stand at x, nothing held, nothing priced."""
     for i in range(2 * p.size):
-        s.x[i] = 0.5 * (p.lo[i] + p.hi[i])
+        s.x[i] = min(max(x[i], p.lo[i]), p.hi[i])
         s.act[i] = 0 if p.hi[i] > p.lo[i] else -1
     for j in range(4):
         s.price[j], s.gone[j] = 0.0, 0
 
 
-def optimum(p, s, limit):
-    """`solve` from where the last call stood; where that does not settle, the sure way from the middle.
+def stand_reduced(p, s):
+    """Stand where the reduced law would: squared speeds by its matrix, clipped."""
+    for k in range(p.size):
+        u = l = 0.0  # noqa: E741
+        for j in range(4):
+            u += p.squares[2 * k][j] * s.mu[j]
+            l += p.squares[2 * k + 1][j] * s.mu[j]  # noqa: E741
+        u, l = sqrt(max(u, 0.0)), sqrt(max(l, 0.0))  # noqa: E741
+        u = min(max(u, p.lo[2 * k]), p.hi[2 * k])
+        line = p.line[k]
+        least, most = line[0] + line[1] * u, line[2] + line[3] * u
+        s.step[2 * k], s.step[2 * k + 1] = u, (l - least) / (most - least) if most > least else 0.0
+    stand(p, s, s.step)
 
-    Returns (steps, negative when even that did not settle; active-set rounds). Whatever happens x is within
-    its bounds, and `miss` and `power` are those of x.
+
+def fault(p, s):
+    """How much is missed beyond what is no fault, dearest axis first, as a merit without the power."""
+    total = 0.0
+    for j in range(4):
+        total += p.cap[j] * max(abs(s.miss[j]) - p.within[0], 0.0)
+    return total
+
+
+def better(p, s, before):
+    """Keep x, whose miss is known, if its merit is below `before`; the least of both."""
+    here = merit(p, s)
+    if here < before:
+        for i in range(2 * p.size):
+            s.best[i] = s.x[i]
+        return here
+    return before
+
+
+def keep_working(p, s):
+    """Keep the active set and the prices of x, which is in `best`."""
+    for j in range(4):
+        s.old_price[LAST][j], s.old_gone[LAST][j] = s.price[j], s.gone[j]
+    for i in range(2 * p.size):
+        s.old_act[LAST][i] = s.act[i]
+
+
+def work_again(p, s):
+    """Stand at `best` as `keep_working` left it."""
+    for j in range(4):
+        s.price[j], s.gone[j] = s.old_price[LAST][j], s.old_gone[LAST][j]
+    for i in range(2 * p.size):
+        s.x[i], s.act[i] = s.best[i], s.old_act[LAST][i]
+
+
+def stand_at(p, s, which):
+    """Where a look all round starts: hover, the reduced law's answer, both bounds."""
+    if which == 0:
+        stand(p, s, p.home)
+    elif which == 1:
+        stand_reduced(p, s)
+    elif which == 2:
+        stand(p, s, p.hi)
+    else:
+        stand(p, s, p.lo)
+
+
+def known(p, s):
+    """Whether the last look all round was made so near that it still holds."""
+    distance = 0.0
+    for j in range(4):
+        distance += abs(s.mu[j] - s.looked[j])
+    return s.looked[4] > 0.0 and distance < JUMP
+
+
+def optimum(p, s, limit):
+    """`settled`, and the power of what it came to."""
+    found = settled(p, s, limit)
+    cost(p, s)
+    return found
+
+
+def settled(p, s, limit):
+    """`solve` from where the last call stood; after a jump from hover too; what misses, from all round.
+
+    Returns (steps, negative when nothing settled; active-set rounds). Whatever happens x is in its bounds,
+    `miss` is that of x, and it is no more than the reduced law's.
     """
     start(p, s)
-    steps, rounds = solve(p, s, limit)
-    if steps > 0:
-        return steps, rounds
-    spent = -steps
-    # a jump back into reach: the middle serves better than the far edge that the last call stood at
-    restart(p, s)
-    steps, rounds = solve(p, s, limit)
-    if steps > 0 and given_up(s) == 0:
-        return spent + steps, rounds
-    spent += abs(steps)
-    restart(p, s)
-    sure = persist(p, s)
-    miss(p, s)
-    before = merit(p, s)
+    spent = rounds = steps = 0
+    before, delivered, near, enough = 1e300, False, False, False
+    for stage in range(AGAIN + 1):
+        if enough and stage < AGAIN:
+            continue
+        if stage == HOME:
+            stand(p, s, p.home)
+        elif HOME < stage < AGAIN:
+            s.looks[0] += 1.0 if stage == HOME + 1 else 0.0
+            stand_at(p, s, stage - HOME - 1)
+            miss(p, s)
+            before = better(p, s, before)
+            spent += abs(persist(p, s))
+            miss(p, s)
+            before = better(p, s, before)
+        elif stage == AGAIN:  # active set and prices of the best, for the next call
+            stand(p, s, s.best)
+        steps, more = solve(p, s, limit)
+        spent, rounds = spent + abs(steps), rounds + more
+        sound = steps > 0 and fault(p, s) == 0.0
+        if stage == NEAR:
+            if (sound and s.smooth[0] >= 0.0) or (steps > 0 and known(p, s)):
+                return spent, rounds
+            delivered, near, before = sound, steps > 0, better(p, s, before)
+            keep_working(p, s)
+        elif stage == HOME and delivered:
+            # after a jump the same wrench may be had at less power near hover
+            if steps < 0 or better(p, s, before) == before:
+                work_again(p, s)
+                miss(p, s)
+            return spent, rounds
+        elif stage == HOME and sound:
+            return spent, rounds
+        else:
+            here, there = merit(p, s), before
+            before = better(p, s, before)
+            # two ways to one end, or delivered: no other start can deliver more
+            same = stage == HOME and near and steps > 0 and abs(here - there) < SAME * max(there, 1.0)
+            enough = enough or same or (sound and stage <= HOME + 2)
+    for j in range(4):
+        s.looked[j] = s.mu[j]
+    s.looked[4] = 1.0
     for i in range(2 * p.size):
-        s.kept[i] = s.x[i]
-    steps, rounds = solve(p, s, limit)
-    if merit(p, s) > before + 1e-11 or steps < 0:
-        for i in range(2 * p.size):
-            s.x[i] = s.kept[i]
-        miss(p, s)
-        return spent + sure if sure > 0 else sure - spent, rounds
-    return spent + abs(sure) + steps, rounds
-
-
-def batch(p, s, limit, demands, speeds):
-    """`optimum` for each row of `demands` (rows, 4), warm-started by the row before; speeds (rows, 2K)."""
-    for row in range(len(demands)):
-        for j in range(4):
-            s.mu[j] = demands[row][j]
-        optimum(p, s, limit)
-        for i in range(2 * p.size):
-            speeds[row][i] = s.x[i]
+        s.x[i] = s.best[i]
+    miss(p, s)
+    return spent, rounds

@@ -9,7 +9,6 @@ NAME.not-ours, and its cells are flown again; nothing is hashed a second time.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import json
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from coaxlink import files
 from coaxlink._version import __version__
 from coaxlink.errors import InputError
+from coaxlink.mavlink.locks import lock
 from coaxlink.studies.engine import Row
 
 if TYPE_CHECKING:
@@ -68,13 +68,10 @@ class Dataset:
             raise InputError(self.folder, "", f"cannot be written ({error.strerror})") from error
         self._lock = (self.folder / LOCK).open("w")
         try:
-            with contextlib.suppress(ImportError):  # Windows
-                import fcntl
-
-                try:
-                    fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except OSError as error:
-                    raise InputError(self.folder, "", "another campaign is writing there now") from error
+            try:
+                lock(self._lock.fileno(), wait=False)
+            except BlockingIOError as error:
+                raise InputError(self.folder, "", "another campaign is writing there now") from error
             self._refuse_another()
             self._have = self._vouched_for()
         except BaseException:

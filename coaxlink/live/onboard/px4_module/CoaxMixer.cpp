@@ -127,6 +127,8 @@ void CoaxMixer::Run()
 
 	if (!_law.solve(demand)) { _unsettled++; }
 
+	if (_law.fell_back) { _fell_back++; }
+
 	_most_work = _law.work > _most_work ? _law.work : _most_work;
 
 	for (int i = 0; i < ROTORS; i++) { _speed[i] = _law.speed[SLOT[i]]; }
@@ -214,7 +216,7 @@ void CoaxMixer::take_answers(hrt_abstime now)
 	_companion.blend(now, dt < 0.02f ? dt : 0.02f, _follow, _speed);
 }
 
-// PX4's output functions bend what is published by THR_MDL_FAC; the law's speeds are bent back beforehand.
+// PX4's output functions bend what is published by THR_MDL_FAC; the commands that turn the law's speeds are bent back beforehand.
 void CoaxMixer::publish_motors(hrt_abstime now, hrt_abstime sample)
 {
 	actuator_motors_s motors{};
@@ -223,10 +225,17 @@ void CoaxMixer::publish_motors(hrt_abstime now, hrt_abstime sample)
 
 	for (float &control : motors.control) { control = NAN; }
 
-	for (int i = 0; i < ROTORS; i++) {
-		const float u = _speed[i];
+	float by_slot[2 * ARMS] {};
 
-		if (std::isfinite(u) && !((_failed >> i) & 1U)) { motors.control[i] = _curve * u * u + (1.f - _curve) * u; }
+	for (int i = 0; i < ROTORS; i++) { by_slot[SLOT[i]] = std::isfinite(_speed[i]) ? _speed[i] : 0.f; }
+
+	for (int i = 0; i < ROTORS; i++) {
+		const float u = command(by_slot, SLOT[i]);
+		_command[i] = u;
+
+		if (std::isfinite(_speed[i]) && std::isfinite(u) && !((_failed >> i) & 1U)) {
+			motors.control[i] = _curve * u * u + (1.f - _curve) * u;
+		}
 	}
 
 	if (_publish) { _motors_pub.publish(motors); }
@@ -255,8 +264,8 @@ void CoaxMixer::publish_status(hrt_abstime now)
 	status.thrust_setpoint_achieved = std::fabs(left[3]) < ACHIEVED;
 
 	for (int i = 0; i < ROTORS; i++) {
-		if (_speed[i] >= 1.f - 1e-6f) { status.actuator_saturation[i] = control_allocator_status_s::ACTUATOR_SATURATION_UPPER; }
-		else if (_speed[i] <= 1e-6f) { status.actuator_saturation[i] = control_allocator_status_s::ACTUATOR_SATURATION_LOWER; }
+		if (_command[i] >= 1.f - 1e-6f) { status.actuator_saturation[i] = control_allocator_status_s::ACTUATOR_SATURATION_UPPER; }
+		else if (_command[i] <= 1e-6f) { status.actuator_saturation[i] = control_allocator_status_s::ACTUATOR_SATURATION_LOWER; }
 	}
 
 	status.handled_motor_failure_mask = _failed;
@@ -308,6 +317,8 @@ void CoaxMixer::print_status()
 	PX4_INFO("refused: foreign %u, rival %u, invalid %u, stale %u, implausible %u", static_cast<unsigned>(c.refused[0]),
 		 static_cast<unsigned>(c.refused[1]), static_cast<unsigned>(c.refused[2]), static_cast<unsigned>(c.refused[3]),
 		 static_cast<unsigned>(c.refused[4]));
+	PX4_INFO("law: looked all round %d times, flew the reduced mixer %u times", static_cast<int>(_law.looks),
+		 static_cast<unsigned>(_fell_back));
 	PX4_INFO("law: unsettled %u, most passes %d of %d, not finite %u, failed motors 0x%x", static_cast<unsigned>(_unsettled),
 		 static_cast<int>(_most_work), BUDGET, static_cast<unsigned>(_not_finite), static_cast<unsigned>(_failed));
 	perf_print_counter(_cycle);

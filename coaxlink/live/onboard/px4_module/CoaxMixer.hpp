@@ -66,12 +66,13 @@ private:
 	uORB::Publication<control_allocator_status_s> _status_pub{ORB_ID(control_allocator_status)};
 	uORB::Publication<debug_array_s> _demand_pub{ORB_ID(debug_array)};
 
-	coaxlink::ExactLaw<coaxlink::ARMS, coaxlink::UPPER_ORDER, coaxlink::LOWER_ORDER> _law{
+	coaxlink::BoardLaw _law{
 		coaxlink::NUMBERS<float>, coaxlink::NUMBERS<double>, BUDGET};
 	coaxlink::Companion<coaxlink::ROTORS> _companion{coaxlink::IDENTITY};
 
 	float _setpoint[4] {};              // roll, pitch, yaw, thrust (upward)
-	float _speed[coaxlink::ROTORS] {};  // what is flown, 0..1
+	float _speed[coaxlink::ROTORS] {};    // what is flown, of full speed
+	float _command[coaxlink::ROTORS] {};  // what motors are told for it, 0..1
 	float _curve{0.f};                  // THR_MDL_FAC
 	bool _follow{true};                 // COAX_COMP
 	bool _handle_failures{false};       // CA_FAILURE_MODE
@@ -79,7 +80,7 @@ private:
 	uint16_t _failed{0};                // motors taken out of the law
 	bool _publish{false}, _armed{false};
 	hrt_abstime _last_run{0}, _last_demand{0}, _last_status{0};
-	uint32_t _unsettled{0}, _not_finite{0}, _told{0};
+	uint32_t _unsettled{0}, _fell_back{0}, _not_finite{0}, _told{0};
 	int32_t _most_work{0};
 	px4::atomic_bool _stop{false}, _stopped{false};
 	perf_counter_t _cycle;

@@ -1,10 +1,14 @@
 // The exact law of coaxlink (mixer/exact/solver.py) for a flight controller: the same algorithm, line by line.
 //
-//     min sum torque_i u_i   subject to   W(u) = demand,   lo <= u <= hi
+//     min sum torque_i speed_i   subject to   W(x) = demand,   lo <= x <= hi
 //
+// x are two coordinates an arm (mixer/exact/arms.py): the upper speed, and where the lower one lies between the least
+// and the greatest that it may have beneath it. What an arm does are as few surfaces of these as its loads need.
 // Axes are given up in order of priority (roll, pitch, thrust, yaw: yaw first). C++14, header only; no heap, no
 // exceptions; every loop is bounded, and all of them together by `budget`. What does not settle within it goes on
-// from there in the next call; meanwhile the better of it and the reduced mixer flies.
+// from there in the next call; meanwhile the better of it and the reduced mixer flies. What misses is looked for all
+// round once: from hover, from the reduced mixer's answer, from both bounds. Motors are told what turns the speeds
+// (`Drive`).
 //
 // While nothing but yaw is given up single precision solves it (`ExactLaw::solve`). A demand far out of reach has prices of a
 // million full powers beside the power itself, more digits than single precision has: there, and after a jump, the
@@ -34,15 +38,47 @@ template<typename Real> struct Levels {
 	static constexpr Real STEP = SINGLE ? Real(1e-6) : Real(1e-10);
 };
 
-// A vehicle of K arms; a single rotor is an arm whose second speed is held at 0. Axes in order of priority and in
-// units of the vehicle's authority, power in units of full power (`coaxlink.mixer.exact.law.scaled`).
-template<typename Real, int K, int NU, int NL> struct Vehicle {
-	Real load[K][4][(NU + 1) * (NL + 1)];  // upper thrust, upper torque, lower thrust, lower torque
-	Real gain[K][4][4];                    // wrench by axis of a unit of each load
+// A vehicle of K arms; a single rotor is an arm whose second coordinate is held at 0. Axes in order of priority and in
+// units of the vehicle's authority, power in units of full power (`coaxlink.mixer.exact.arms.scaled`).
+template<typename Real, int K, int M, int NU, int NL, int PU, int PL> struct Vehicle {
+	Real surface[K][M][(NU + 1) * (NL + 1)];
+	Real power[K][(PU + 1) * (PL + 1)];
+	Real gain[K][M][4];                    // wrench by axis of a unit of each surface
 	Real lo[2 * K];
 	Real hi[2 * K];
 	Real cap[4];                           // most that an axis is worth, in power
 	Real reduced[2 * K][4];                // squared speeds of the reduced mixer, per unit of demand
+	Real line[K][4];                       // least and greatest lower speed: at rest, and per unit of upper speed
+	Real home[2 * K];                      // where the vehicle hovers
+	Real within;                           // what is missed without being a fault
+};
+
+// What a motor is told for a speed (rotor/drive.py): command = c_0 + c_1 u + ... + (r + s u) Q, Q a polynomial of both
+// speeds of its pair; below the least speed that was measured, straight to rest.
+template<typename Real, int TU, int TL> struct Drive {
+	Real torque[(TU + 1) * (TL + 1)];  // N m, by powers of the upper speed
+	Real command[6];
+	Real per_torque[2];
+	Real least;
+
+	Real at(Real upper, Real lower, bool is_lower) const
+	{
+		const Real u = is_lower ? lower : upper, held = u > least ? u : least;
+		Real q = 0, c = 0;
+
+		for (int a = TU; a >= 0; a--) {
+			Real r = 0;
+
+			for (int b = TL; b >= 0; b--) { r = r * lower + torque[a * (TL + 1) + b]; }
+
+			q = q * upper + r;
+		}
+
+		for (int n = 5; n >= 0; n--) { c = c * held + command[n]; }
+
+		c += (per_torque[0] + per_torque[1] * u) * q;
+		return u < least ? c * u / least : c;
+	}
 };
 
 // Where a law stands between two calls; the same in both precisions.
@@ -83,10 +119,10 @@ template<typename Real, int K> struct State {
 	}
 };
 
-template<typename Real, int K, int NU, int NL> class Law
+template<typename Real, int K, int M, int NU, int NL, int PU, int PL> class Law
 {
 public:
-	using Numbers = Vehicle<Real, K, NU, NL>;
+	using Numbers = Vehicle<Real, K, M, NU, NL, PU, PL>;
 	static constexpr int N = 2 * K;
 
 	explicit Law(const Numbers &vehicle, int32_t budget = 400) : _budget(budget), _vehicle(vehicle) { without(0); }
@@ -105,7 +141,8 @@ public:
 
 		state.smooth = 0;
 		_stage = CLOSE;
-		restart();
+		_looked_at = NEVER;
+		stand(_vehicle.home);
 	}
 
 	// The best speeds for a demand (4) by rank; returns whether they are settled. Always within the bounds.
@@ -113,13 +150,16 @@ public:
 	{
 		Real last[N];
 
-		for (int i = 0; i < N; i++) { last[i] = speed[i]; }
+		for (int i = 0; i < N; i++) { last[i] = _answer[i]; }
 
 		begin(demand);
 		settled = optimum();
 		finish();
 
-		if (!settled) { prefer(last); }
+		if (!settled) {
+			prefer(last);
+			prefer(_best);
+		}
 
 		fell_back = prefer_reduced();
 		return settled;
@@ -130,6 +170,7 @@ public:
 	{
 		begin(demand);
 		settled = settle(false) && !state.gone[0] && !state.gone[1] && !state.gone[2];
+		settled = settled && ((!faulty() && state.smooth >= Real(0)) || known());
 		finish();
 		return settled;
 	}
@@ -139,8 +180,9 @@ public:
 	// What speeds deliver, by rank.
 	void deliver(const Real speeds[], Real out[4]) const
 	{
-		Real left[4], power;
-		missing(speeds, left, power);
+		Real at[N], left[4], power;
+		placed(speeds, at);
+		missing(at, left, power);
 
 		for (int j = 0; j < 4; j++) { out[j] = mu[j] - left[j]; }
 	}
@@ -153,12 +195,13 @@ public:
 	int32_t steps = 0;     // quadratic steps
 	bool settled = false;
 	bool fell_back = false;  // to the reduced mixer
+	int32_t looks = 0;       // all round, since start
 
 private:
 	// levels of the algorithm; the same as in solver.py
 	static constexpr Real CURVATURE = Real(0.05), STEP_DONE = Real(2e-3), SETTLING = Real(0.1), MOST_DEMAND = Real(4);
-	static constexpr Real JUMP = Real(0.02), CLEARLY = Real(1.5), NEVER = Real(1e9);
-	static constexpr int ROUNDS = 6, CLIMBS = 30, CUTS = 40, CORRECTIONS = 3, GRACE = 3, PERSIST = 60, STEPS = 6;
+	static constexpr Real JUMP = Real(0.02), LEAP = Real(0.1), CLEARLY = Real(1.5), NEVER = Real(1e9);
+	static constexpr int ROUNDS = 6, CLIMBS = 30, CUTS = 40, CORRECTIONS = 3, GRACE = 3, PERSIST = 60, STEPS = 6, STARTS = 4;
 	enum { LAST = 0, WITHIN = 1, BEYOND = 2 };  // what is remembered
 	enum { CLOSE, MIDDLE, SURE, LAST_STEPS };    // of `optimum`
 	using L = Levels<Real>;
@@ -182,22 +225,46 @@ private:
 	{
 		fresh_miss();
 
-		for (int i = 0; i < N; i++) { speed[i] = state.x[i]; }
+		answer(state.x);
 	}
 
-	// loads and slopes
+	void answer(const Real *x)
+	{
+		for (int k = 0; k < K; k++) {
+			const Real u = x[2 * k], s = x[2 * k + 1], low = least(k, u);
+			_answer[2 * k] = u;
+			_answer[2 * k + 1] = s;
+			speed[2 * k] = u;
+			speed[2 * k + 1] = _hi[2 * k + 1] > _lo[2 * k + 1] ? low + (most(k, u) - low) * s : Real(0);
+		}
+	}
 
-	static void surface(const Real *c, Real u, Real l, Real out[6])
+	Real least(int k, Real u) const { return _vehicle.line[k][0] + _vehicle.line[k][1] * u; }
+	Real most(int k, Real u) const { return _vehicle.line[k][2] + _vehicle.line[k][3] * u; }
+
+	// coordinates of speeds
+	void placed(const Real *speeds, Real *at) const
+	{
+		for (int k = 0; k < K; k++) {
+			const Real u = speeds[2 * k], low = least(k, u), span = most(k, u) - low;
+			at[2 * k] = u;
+			at[2 * k + 1] = span > Real(0) ? (speeds[2 * k + 1] - low) / span : Real(0);
+		}
+	}
+
+	// surfaces and slopes; orders A, B
+
+	template<int A, int B> static void surface(const Real *c, Real u, Real l, Real out[6])
 	{
 		Real f = 0, fu = 0, fuu = 0, fl = 0, ful = 0, fll = 0;
 
-		for (int a = NU; a >= 0; a--) {
+		for (int a = A; a >= 0; a--) {
 			Real r = 0, rl = 0, rll = 0;
 
-			for (int b = NL; b >= 0; b--) {
+			for (int b = B; b >= 0; b--) {
 				rll = rll * l + rl;
 				rl = rl * l + r;
-				r = r * l + c[a * (NL + 1) + b];
+				r = r * l + c[a * (B + 1) + b];
 			}
 
 			fuu = fuu * u + fu;
@@ -211,14 +278,14 @@ private:
 		out[0] = f; out[1] = fu; out[2] = fl; out[3] = Real(2) * fuu; out[4] = ful; out[5] = Real(2) * fll;
 	}
 
-	static Real value(const Real *c, Real u, Real l)
+	template<int A, int B> static Real value(const Real *c, Real u, Real l)
 	{
 		Real f = 0;
 
-		for (int a = NU; a >= 0; a--) {
+		for (int a = A; a >= 0; a--) {
 			Real r = 0;
 
-			for (int b = NL; b >= 0; b--) { r = r * l + c[a * (NL + 1) + b]; }
+			for (int b = B; b >= 0; b--) { r = r * l + c[a * (B + 1) + b]; }
 
 			f = f * u + r;
 		}
@@ -235,13 +302,13 @@ private:
 		for (int k = 0; k < K; k++) {
 			const Real u = at[2 * k], l = at[2 * k + 1];
 
-			for (int n = 0; n < 4; n++) {
-				const Real f = value(_vehicle.load[k][n], u, l);
+			for (int n = 0; n < M; n++) {
+				const Real f = value<NU, NL>(_vehicle.surface[k][n], u, l);
 
 				for (int j = 0; j < 4; j++) { left[j] -= _vehicle.gain[k][n][j] * f; }
-
-				if (n == 1) { power += f * u; } else if (n == 3) { power += f * l; }
 			}
+
+			power += value<PU, PL>(_vehicle.power[k], u, l);
 		}
 	}
 
@@ -263,11 +330,13 @@ private:
 
 		for (int j = 0; j < 4; j++) { by_u[j] = by_l[j] = 0; }
 
-		Real gu = 0, gl = 0, uu = 0, ul = 0, ll = 0;
+		Real p[6];
+		surface<PU, PL>(_vehicle.power[k], u, l, p);
+		Real gu = p[1], gl = p[2], uu = p[3], ul = p[4], ll = p[5];
 
-		for (int n = 0; n < 4; n++) {
+		for (int n = 0; n < M; n++) {
 			Real f[6];
-			surface(_vehicle.load[k][n], u, l, f);
+			surface<NU, NL>(_vehicle.surface[k][n], u, l, f);
 			Real weight = 0;
 
 			for (int j = 0; j < 4; j++) {
@@ -276,21 +345,6 @@ private:
 				by_u[j] += g * f[1];
 				by_l[j] += g * f[2];
 				weight -= g * state.price[j];
-			}
-
-			if (n == 1) {
-				weight += u;
-				gu += f[0] + f[1] * u;
-				gl += f[2] * u;
-				uu += Real(2) * f[1];
-				ul += f[2];
-
-			} else if (n == 3) {
-				weight += l;
-				gu += f[1] * l;
-				gl += f[0] + f[2] * l;
-				ll += Real(2) * f[2];
-				ul += f[1];
 			}
 
 			uu += weight * f[3];
@@ -325,6 +379,16 @@ private:
 		}
 
 		return gain;
+	}
+
+	// the merit of x, for a scale
+	Real dearness() const
+	{
+		Real total = _power;
+
+		for (int j = 0; j < 4; j++) { total += _vehicle.cap[j] * magnitude(miss[j]); }
+
+		return total;
 	}
 
 	void move()
@@ -892,7 +956,7 @@ private:
 		} else if (jump < JUMP) {
 			for (int i = 0; i < N; i++) {
 				const Real at = state.x[i];
-				state.x[i] = at + state.smooth * (at - state.old_x[LAST][i]);
+				state.x[i] = at + larger(state.smooth, Real(0)) * (at - state.old_x[LAST][i]);
 				state.old_x[LAST][i] = at;
 			}
 
@@ -907,7 +971,7 @@ private:
 
 			if (CLEARLY * away(other) < jump) { recall(other); }
 
-			state.smooth = 0;
+			state.smooth = out || jump > LEAP ? Real(-1) : Real(0);
 			_stage = CLOSE;
 		}
 
@@ -920,52 +984,165 @@ private:
 		}
 	}
 
-	void restart()
+	void stand(const Real *x)
 	{
 		for (int i = 0; i < N; i++) {
-			state.x[i] = Real(0.5) * (_lo[i] + _hi[i]);
+			state.x[i] = clip(x[i], _lo[i], _hi[i]);
 			state.act[i] = _hi[i] > _lo[i] ? 0 : -1;
 		}
 
 		for (int j = 0; j < 4; j++) { state.price[j] = 0; state.gone[j] = 0; }
 	}
 
-	// `settle` from the last solution; then from the middle; then the sure way, and `settle` from where that led.
-	// What the budget cuts short goes on in the next call, at the stage where it stood.
+	// an axis is missed by more than what is no fault
+	bool faulty() const
+	{
+		for (int j = 0; j < 4; j++) { if (magnitude(miss[j]) > _vehicle.within) { return true; } }
+
+		return false;
+	}
+
+	// the last look all round was made so near that it still holds
+	bool known() const
+	{
+		Real distance = 0;
+
+		for (int j = 0; j < 4; j++) { distance += magnitude(mu[j] - _looked[j]); }
+
+		return _looked_at < NEVER && distance < JUMP;
+	}
+
+	// keep x, whose miss is known, if it is better than the best so far at this demand; whether it is
+	bool keep(bool first)
+	{
+		if (!first) {
+			Real left[4], power;
+			missing(_best, left, power);
+
+			if (worth(left, power, miss, _power) < Real(0)) { return false; }
+		}
+
+		for (int i = 0; i < N; i++) { _best[i] = state.x[i]; }
+
+		return true;
+	}
+
+	// the active set and the prices of the best, and back to it
+	void keep_working()
+	{
+		for (int j = 0; j < 4; j++) { state.old_price[LAST][j] = state.price[j]; state.old_gone[LAST][j] = state.gone[j]; }
+
+		for (int i = 0; i < N; i++) { state.old_act[LAST][i] = state.act[i]; }
+	}
+
+	void work_again()
+	{
+		for (int j = 0; j < 4; j++) { state.price[j] = state.old_price[LAST][j]; state.gone[j] = state.old_gone[LAST][j]; }
+
+		for (int i = 0; i < N; i++) { state.x[i] = _best[i]; state.act[i] = state.old_act[LAST][i]; }
+
+		fresh_miss();
+	}
+
+	// hover, the reduced mixer's answer, both bounds
+	void stand_at(int start)
+	{
+		if (start == 0) { stand(_vehicle.home); }
+
+		else if (start == 1) {
+			Real other[N];
+			reduced(other);
+			stand(other);
+			fresh_miss();
+			keep(false);
+		}
+
+		else { stand(start == 2 ? _hi : _lo); }
+
+		_radius = Real(0.3);
+		_left = PERSIST;
+		_stage = SURE;
+	}
+
+	// `settle` from the last solution; then from hover; then the sure way from several starts, and `settle` from where
+	// each led: the best of all. What the budget cuts short goes on in the next call, at the stage where it stood.
 	bool optimum()
 	{
 		if (_stage == CLOSE) {
-			if (settle(true)) { return true; }
+			const bool near = settle(true);
+			_delivered = near && !faulty();
+			_near = near;
 
+			if ((_delivered && state.smooth >= Real(0)) || (near && known())) { return true; }
+
+			fresh_miss();
+			keep(true);
+			keep_working();
 			_stage = MIDDLE;
 		}
 
 		if (_stage == MIDDLE && !spent()) {
-			restart();
+			stand(_vehicle.home);
+			const bool there = settle(true);
+			fresh_miss();
 
-			if (settle(true) && !given_up()) { return done(); }
+			if (_delivered) {  // after a jump: the same wrench may be had at less power near hover
+				if (!there || faulty() || !keep(false)) { work_again(); }
 
-			_stage = SURE;
-			_radius = Real(0.3);
-			_left = PERSIST;
-			restart();
+				return done();
+			}
+
+			if (there && !faulty()) { return done(); }
+
+			// two ways to one end: no other start is likely to deliver more
+			Real left[4], power;
+			missing(_best, left, power);
+			const Real apart = worth(left, power, miss, _power);
+			keep(false);
+
+			if (_near && there && magnitude(apart) < Real(1e-6) * larger(dearness(), Real(1))) { return look_done(); }
+
+			_start = 0;
+			looks++;
+			stand_at(0);
 		}
 
-		if (_stage == SURE && persist()) { _stage = LAST_STEPS; }
+		while (!spent()) {
+			if (_stage == SURE) {
+				if (!persist()) { return false; }
 
-		if (_stage != LAST_STEPS || spent()) { return false; }
+				fresh_miss();
+				keep(false);
+				_stage = LAST_STEPS;
+			}
 
-		Real kept[N], miss_kept[4];
+			const bool there = settle(true);
+
+			if (!there && spent()) { return false; }
+
+			fresh_miss();
+			keep(false);
+
+			if ((there && !faulty() && _start < 2) || ++_start == STARTS) { return look_done(); }
+
+			stand_at(_start);
+		}
+
+		return false;
+	}
+
+	bool look_done()
+	{
+		for (int j = 0; j < 4; j++) { _looked[j] = mu[j]; }
+
+		_looked_at = 0;
+		stand(_best);
+		settle(true);  // active set and prices for the next call
+
 		fresh_miss();
-		const Real power_kept = _power;
+		keep(false);
 
-		for (int i = 0; i < N; i++) { kept[i] = state.x[i]; }
-
-		for (int j = 0; j < 4; j++) { miss_kept[j] = miss[j]; }
-
-		if (!settle(true) || worth(miss_kept, power_kept, miss, _power) < -L::GAIN) {
-			for (int i = 0; i < N; i++) { state.x[i] = kept[i]; }
-		}
+		for (int i = 0; i < N; i++) { state.x[i] = _best[i]; }
 
 		return done();
 	}
@@ -976,19 +1153,28 @@ private:
 		return true;
 	}
 
-	// the reduced mixer, where it is the better: also than another optimum far from the best
-	bool prefer_reduced()
+	void reduced(Real *at) const
 	{
-		Real other[N];
+		Real speeds[N];
 
 		for (int i = 0; i < N; i++) {
 			Real squared = 0;
 
 			for (int j = 0; j < 4; j++) { squared += _vehicle.reduced[i][j] * mu[j]; }
 
-			other[i] = std::sqrt(larger(squared, Real(0)));
+			speeds[i] = std::sqrt(larger(squared, Real(0)));
+
+			if (i % 2 == 0) { speeds[i] = clip(speeds[i], _lo[i], _hi[i]); }
 		}
 
+		placed(speeds, at);
+	}
+
+	// the reduced mixer, where it is the better: also than another optimum far from the best
+	bool prefer_reduced()
+	{
+		Real other[N];
+		reduced(other);
 		return prefer(other);
 	}
 
@@ -1003,7 +1189,7 @@ private:
 
 		if (!(worth(miss, _power, left, power) > Real(0))) { return false; }
 
-		for (int i = 0; i < N; i++) { speed[i] = at[i]; }
+		answer(at);
 
 		for (int j = 0; j < 4; j++) { miss[j] = left[j]; }
 
@@ -1015,19 +1201,22 @@ private:
 	const Numbers &_vehicle;
 	Real _lo[N] {}, _hi[N] {};
 	Real _power = 0, _radius = 0;
-	int _stage = CLOSE, _left = 0;
+	int _stage = CLOSE, _left = 0, _start = 0;
+	bool _delivered = false, _near = false;
+	Real _answer[N] {}, _best[N] {}, _looked[4] {}, _looked_at = NEVER;
 	Real _slope[N] {}, _jacobian[N][4] {}, _hessian[K][3] {};
 	Real _own[N] {}, _reply[N][4] {}, _step[N] {};
 	Real _schur[4][4] {}, _factor[4][4] {}, _right[4] {}, _dual[4] {};
 };
 
 // The law on board: single precision while it can, double where it cannot (see the top).
-template<int K, int NU, int NL> class ExactLaw
+template<int K, int M, int NU, int NL, int PU, int PL> class ExactLaw
 {
 public:
 	static constexpr int N = 2 * K;
 
-	ExactLaw(const Vehicle<float, K, NU, NL> &single, const Vehicle<double, K, NU, NL> &wide, int32_t budget) :
+	ExactLaw(const Vehicle<float, K, M, NU, NL, PU, PL> &single, const Vehicle<double, K, M, NU, NL, PU, PL> &wide,
+		 int32_t budget) :
 		_near(single, budget), _sure(wide, budget) {}
 
 	// Forget the last solution; slots of `failed` (bit i: speed i) stand still from now on.
@@ -1079,6 +1268,7 @@ public:
 	int32_t work = 0;        // passes over the arms that the last call took
 	bool settled = false;
 	bool fell_back = false;  // to the reduced mixer
+	int32_t looks = 0;       // all round, since start
 
 private:
 	template<typename Of> void tell(const Of &law)
@@ -1088,10 +1278,11 @@ private:
 		for (int j = 0; j < 4; j++) { mu[j] = static_cast<float>(law.mu[j]); miss[j] = static_cast<float>(law.miss[j]); }
 
 		fell_back = law.fell_back;
+		looks = _sure.looks;
 	}
 
-	Law<float, K, NU, NL> _near;
-	Law<double, K, NU, NL> _sure;
+	Law<float, K, M, NU, NL, PU, PL> _near;
+	Law<double, K, M, NU, NL, PU, PL> _sure;
 	State<float, K> _before;
 	bool _far = false;
 };

@@ -1,0 +1,310 @@
+"""The drive and the battery watts of a stand log: what throttles, volts and amps say beside the loads.
+
+    throttle V / V_ref = c_0 + c_1 n + c_2 n^2 (+ c_3 n^3) + (r + s n) Q        (`rotor.drive`)
+
+by robust least squares over the rows in which the motor drives its rotor: one that the wake turns runs free
+of its ESC. Full throttle is where the rotors would turn at throttle 1, each with its own torque there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.constants import RAD_S_PER_RPM
+from coaxlink.data import Samples
+from coaxlink.data.aliases import SIDES
+from coaxlink.rotor.drive import BatteryPower, Drive, SideDrive
+
+Array = NDArray[np.float64]
+TURNS = 0.05  # of full throttle, of the fastest rpm: below, an ESC starts or stops its motor
+AT_FULL = 0.98  # of throttle: full throttle was measured
+LEAST_ROWS, LEAST_SPAN = 8, 0.3  # rows and range of throttle that tell a bend
+SURE = 0.02  # of the speed at full throttle, its standard error: what two rpm sensors are apart
+BENT = 0.05  # of full speed, between a throttle and the speed it gives: more is said
+DRIVEN = 0.6  # of the torque that the rotor has alone at its speed: below, the wake helps to turn it
+HUBER, ROUNDS = 2.5, 12
+PARTS = 10  # left out in turn
+PAYS = 0.9  # of the error: a term that does not bring it below is left out
+WATTS_ROWS = 12
+CERTAIN = 5.0  # standard errors of a slope that is no chance
+
+
+@dataclass(frozen=True)
+class DriveFit:
+    """Of one rotor, speeds in rpm."""
+
+    coefficients: tuple[float, ...]  # c_0, c_1 per rpm, ... at `volts`
+    per_torque: tuple[float, float]  # r, s: 1/(N m), 1/(N m rpm)
+    torque: float  # N m per rpm^2 at the top of the log
+    volts: float | None  # supply near full throttle, None where it was not measured
+    low: float  # the least throttle of the rows, the greatest
+    top: float
+    error: float  # standard error of a throttle, on rows left out
+    error_full: float  # standard error of the throttle at full speed
+
+    @cached_property
+    def full_rpm(self) -> float:
+        """At throttle 1 and the usual supply; infinite where no speed takes that."""
+        n = np.linspace(0.0, 4.0 / max(self.coefficients[1], 1e-9), 20001)
+        above = self._throttle(n) >= 1.0
+        return float(n[int(np.argmax(above))]) if above.any() else float("inf")
+
+    def _throttle(self, rpm: Array) -> Array:
+        r, s = self.per_torque
+        return np.polynomial.Polynomial(self.coefficients)(rpm) + (r + s * rpm) * self.torque * rpm**2
+
+    @property
+    def known(self) -> bool:
+        """Whether the log tells what full throttle gives."""
+        n = self.full_rpm
+        if not np.isfinite(n):
+            return False
+        slope = float(self._throttle(np.array([n * 1.001]))[0] - self._throttle(np.array([n * 0.999]))[0])
+        return slope > 0 and self.error_full / slope * 0.002 <= SURE
+
+    @property
+    def reaches_full(self) -> bool:
+        """Whether speeds may be taken from throttles by it: full throttle was measured, or is known."""
+        return self.known or self.top >= AT_FULL
+
+    def bend(self) -> tuple[float, float]:
+        """(throttle, share of full speed there) where the two are furthest apart, of the log's throttles."""
+        n = np.linspace(TURNS, 1.0, 400) * self.full_rpm
+        throttle, share = self._throttle(n), n / self.full_rpm
+        inside = (throttle >= self.low) & (throttle <= self.top)
+        at = int(np.argmax(np.where(inside, np.abs(share - throttle), -1.0)))
+        return float(throttle[at]), float(share[at])
+
+    def side(self, speed_max_rpm: float) -> SideDrive:
+        """As the rotor file has it, over u = rpm / speed_max_rpm."""
+        scaled = tuple(float(c * speed_max_rpm**k) for k, c in enumerate(self.coefficients))
+        r, s = self.per_torque
+        range_ = round(self.low, 4), round(self.top, 4)
+        return SideDrive(scaled, r, s * speed_max_rpm, range_, self.error)
+
+
+def drive_fits(samples: Samples) -> dict[str, DriveFit]:
+    """Of each side whose throttle and rpm are measured, where the rows tell one."""
+    found: dict[str, DriveFit] = {}
+    for side in SIDES:
+        if samples.has(f"{side}_rpm", f"{side}_throttle") and np.any(samples[f"{side}_rpm"] > 0):
+            fit = _drive_fit(samples, side)
+            found |= {side: fit} if fit is not None else {}
+    return found
+
+
+def at_full_throttle(fits: Mapping[str, DriveFit]) -> float | None:
+    """The fastest rotor's rpm at full throttle by its drive; None where one is not known."""
+    if not fits or not all(fit.known for fit in fits.values()):
+        return None
+    return max(fit.full_rpm for fit in fits.values())
+
+
+def drive_of(fits: Mapping[str, DriveFit], speed_max_rpm: float) -> Drive | None:
+    """The pair's, where the sides that were measured reach full throttle."""
+    if not fits or not all(fit.reaches_full for fit in fits.values()):
+        return None
+    first = next(iter(fits.values()))
+    volts = [fit.volts for fit in fits.values() if fit.volts is not None]
+    usual = float(np.mean(volts)) if len(volts) == len(fits) else None
+    sides = {}
+    for side, fit in fits.items():
+        scaled = fit.side(speed_max_rpm)
+        share = fit.volts / usual if usual is not None and fit.volts is not None else 1.0
+        command = tuple(c * share for c in scaled.command)
+        per = scaled.torque_per_Nm * share, scaled.torque_speed_per_Nm * share
+        sides[side] = SideDrive(command, *per, scaled.range, scaled.error)
+    only = sides["upper" if first is fits.get("upper") else next(iter(fits))]
+    return Drive(sides.get("upper", only), sides.get("lower", only), usual)
+
+
+def supply(samples: Samples, side: str) -> Array | None:
+    """(rows,) V of a side's ESC, None where no column has it."""
+    name = next((n for n in (f"{side}_voltage_V", "voltage_V") if samples.has(n)), None)
+    return None if name is None else samples[name]
+
+
+def driven(rpm: Array, torque: Array | None) -> NDArray[np.bool_]:
+    """(rows,) in which the motor drives its rotor: its torque is near what it has alone at this speed."""
+    if torque is None:
+        return np.ones(len(rpm), bool)
+    fast = np.isfinite(torque) & (rpm > 0.3 * rpm.max(initial=0.0))
+    if not fast.any():
+        return np.isfinite(torque)
+    alone = float(np.quantile(torque[fast] / rpm[fast] ** 2, 0.9))
+    return np.asarray(np.isfinite(torque) & (torque > DRIVEN * alone * rpm**2))
+
+
+def _drive_fit(samples: Samples, side: str) -> DriveFit | None:
+    throttle, rpm = samples[f"{side}_throttle"], samples[f"{side}_rpm"]
+    torque = samples[f"{side}_torque_Nm"] if samples.has(f"{side}_torque_Nm") else None
+    volts = supply(samples, side)
+    rows = (throttle > TURNS) & (rpm > TURNS * float(rpm.max(initial=0.0))) & driven(rpm, torque)
+    if volts is not None:
+        rows &= np.isfinite(volts) & (volts > 0.5 * np.nanmedian(volts))
+    if rows.sum() < LEAST_ROWS or np.ptp(throttle[rows]) < LEAST_SPAN:
+        return None
+    t, n, q = throttle[rows], rpm[rows], None if torque is None else torque[rows]
+    fast = t >= np.quantile(t, 0.9)
+    usual = None if volts is None else float(np.median(volts[rows][fast]))
+    y = t if volts is None or usual is None else t * volts[rows] / usual
+    unit = float(n.max())
+    share = 0.0 if q is None else float(np.median(q[fast] / n[fast] ** 2))
+    best: _Form | None = None
+    for order, terms in ((2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2)):
+        if q is None and terms:
+            continue
+        tried = _form(n / unit, q, y, order, terms)
+        speeds = np.linspace(0.3, 1.15, 40)
+        rises = np.diff(_command(tried, speeds, share * unit**2, order)).min() > 0.0
+        resists = all(np.polynomial.Polynomial([*tried.values[order + 1 :], 0.0])(speeds) >= 0.0)
+        if rises and resists and (best is None or tried.missed < PAYS * best.missed):
+            best = replace(tried, order=order)
+    if best is None:
+        return None
+    b, order = best.values, best.order
+    per = [float(v) for v in b[order + 1 :]] + [0.0, 0.0]
+    fit = DriveFit(
+        tuple(float(c / unit**k) for k, c in enumerate(b[: order + 1])), (per[0], per[1] / unit), share,
+        usual, float(t.min()), float(t.max()), best.missed, 0.0,
+    )  # fmt: skip
+    full = min(fit.full_rpm, 2.0 * unit) / unit
+    at = _row(np.array([full]), np.array([share * (full * unit) ** 2]), order, len(b) - order - 1)[0]
+    return replace(fit, error_full=float(np.sqrt(at @ best.covariance @ at)))
+
+
+@dataclass(frozen=True)
+class _Form:
+    """One form of a drive, fitted."""
+
+    values: Array
+    covariance: Array
+    missed: float  # rms of rows left out
+    order: int = 0
+
+
+def _row(n: Array, q: Array, order: int, terms: int) -> Array:
+    """(rows, order + 1 + terms) of the form's terms."""
+    return np.stack([*(n**k for k in range(order + 1)), *(q * n**k for k in range(terms))], axis=1)
+
+
+def _command(form: _Form, n: Array, torque: float, order: int) -> Array:
+    """Of a rotor alone, whose torque goes with the square of its speed."""
+    return _row(n, torque * n**2, order, len(form.values) - order - 1) @ form.values
+
+
+def _form(n: Array, q: Array | None, y: Array, order: int, terms: int) -> _Form:
+    X = _row(n, np.zeros_like(n) if q is None else q, order, terms)
+    w = _weights(X, y)
+    scaled = X * w[:, None]
+    b = np.asarray(np.linalg.lstsq(scaled, y * w, rcond=None)[0], np.float64)
+    left = y * w - scaled @ b
+    variance = float(left @ left) / max(len(y) - X.shape[1], 1)
+    covariance = np.asarray(variance * np.linalg.pinv(scaled.T @ scaled), np.float64)
+    return _Form(b, covariance, _left_out(X, y))
+
+
+def _weights(X: Array, y: Array) -> Array:
+    """(rows,) square roots of Huber's weights."""
+    w = np.ones(len(y))
+    for _ in range(ROUNDS):
+        left = y - X @ np.linalg.lstsq(X * w[:, None], y * w, rcond=None)[0]
+        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
+        w = np.sqrt(np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)))
+    return w
+
+
+def _left_out(X: Array, y: Array) -> float:
+    """Root mean square error of rows that a fit has not seen, in stretches of the log."""
+    part = np.arange(len(y)) * PARTS // len(y)
+    missed = np.empty(len(y))
+    for k in range(PARTS):
+        out = part == k
+        if not out.any():
+            continue
+        w = _weights(X[~out], y[~out])
+        missed[out] = y[out] - X[out] @ np.linalg.lstsq(X[~out] * w[:, None], y[~out] * w, rcond=None)[0]
+    return float(np.sqrt(np.mean(missed**2)))
+
+
+@dataclass(frozen=True)
+class WattsFit:
+    """Battery watts of one side, and what its log says of its efficiency."""
+
+    power: BatteryPower
+    efficiency: float  # shaft over battery energy, of the rows in which the motor drives
+    typical_W: float  # median of these
+    crosstalk_W: float  # what the other side's watts change in this side's, at one speed and torque
+
+
+def watts_fits(samples: Samples) -> dict[str, WattsFit]:
+    """Of each side whose volts and amps (or watts), rpm and torque are measured."""
+    found: dict[str, WattsFit] = {}
+    for side in SIDES:
+        if samples.has(f"{side}_rpm", f"{side}_torque_Nm"):
+            other = drawn_watts(samples, SIDES[1 - SIDES.index(side)])
+            fit = _watts_fit(samples, side, other)
+            found |= {side: fit} if fit is not None else {}
+    return found
+
+
+def drawn_watts(samples: Samples, side: str) -> Array | None:
+    """(rows,) W into a side's ESC, None where they were not measured."""
+    if samples.has(f"{side}_power_W"):
+        return samples[f"{side}_power_W"]
+    volts = supply(samples, side)
+    if volts is None or not samples.has(f"{side}_current_A"):
+        return None
+    return np.asarray(volts * samples[f"{side}_current_A"])
+
+
+def _watts_fit(samples: Samples, side: str, other: Array | None) -> WattsFit | None:
+    from scipy.optimize import nnls  # scipy takes a third of a second to load
+
+    drawn = drawn_watts(samples, side)
+    rpm, torque = samples[f"{side}_rpm"], samples[f"{side}_torque_Nm"]
+    if drawn is None:
+        return None
+    rows = np.isfinite(drawn) & (rpm > TURNS * float(rpm.max(initial=0.0))) & driven(rpm, torque)
+    if rows.sum() < WATTS_ROWS or np.ptp(drawn[rows]) < 0.3 * drawn[rows].max():
+        return None
+    w, q, p = rpm[rows] * RAD_S_PER_RPM, torque[rows], drawn[rows]
+    shaft = q * w
+    X = np.stack([np.ones_like(w), w, w**2, q**2, shaft], axis=1)
+    unit = np.abs(X).max(axis=0)
+
+    def fitted(keep: NDArray[np.bool_]) -> Array:
+        """The shaft's power and losses on top of it: less from the battery would be power from nothing."""
+        near = 1.0 / np.maximum(0.02 * p[keep].max() + 0.02 * p[keep], 1e-9)
+        lost = nnls(X[keep] / unit * near[:, None], (p - shaft)[keep] * near)[0] / unit
+        return np.asarray([*lost[:4], 1.0 + lost[4]])
+
+    part = np.arange(len(p)) * PARTS // len(p)
+    missed = np.concatenate([p[part == k] - X[part == k] @ fitted(part != k) for k in range(PARTS)])
+    b = fitted(np.ones(len(p), bool))
+    constant, per_w, per_w2, copper, of_shaft = b.tolist()
+    missed_W = float(np.sqrt(np.mean(missed**2)))
+    power = BatteryPower(constant, per_w, per_w2, copper, of_shaft, missed_W)
+    crosstalk = 0.0 if other is None else _crosstalk(p - X @ b, other[rows])
+    return WattsFit(power, float(shaft.sum() / p.sum()), float(np.median(p)), crosstalk)
+
+
+def _crosstalk(left: Array, other: Array) -> float:
+    """W that go with the other side's watts over their range; 0 where that may be chance."""
+    known = np.isfinite(other)
+    if known.sum() < WATTS_ROWS or np.ptp(other[known]) == 0.0:
+        return 0.0
+    X = np.stack([np.ones(known.sum()), other[known]], axis=1)
+    slope, rest = _line(X, left[known])
+    error = float(np.std(rest)) / (float(np.std(other[known])) * np.sqrt(known.sum()))
+    return slope * float(np.ptp(other[known])) if abs(slope) > CERTAIN * error else 0.0
+
+
+def _line(X: Array, y: Array) -> tuple[float, Array]:
+    b = np.linalg.lstsq(X, y, rcond=None)[0]
+    return float(b[1]), np.asarray(y - X @ b)
