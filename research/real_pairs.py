@@ -86,10 +86,18 @@ class RawMap:
         """Both sides' thrust (N), shaft or battery (W) together at speeds (rows, 2)."""
         return np.asarray(sum(surface(rpm) for surface in self._surfaces[kind]))
 
+    def upper_thrust(self, rpm: Array) -> Array:
+        """The upper rotor's thrust (N) at speeds (rows, 2)."""
+        return self._surfaces["thrust"][0](rpm)
+
+    def speeds(self, pwm: Array) -> Array:
+        """(rows, 2) speeds at PWM values (rows, 2)."""
+        return np.stack([surface(pwm) for surface in self._rpm], axis=1)
+
     def equal(self) -> tuple[float, float, float]:
         """(thrust of the pair in hover, shaft and battery watts of the pair) at equal commands."""
         pwm = np.repeat(np.linspace(self.low, self.high, 801)[:, None], 2, axis=1)
-        rpm = np.stack([surface(pwm) for surface in self._rpm], axis=1)
+        rpm = self.speeds(pwm)
         thrust = self.at("thrust", rpm)
         wanted = HOVER * float(thrust.max())
         share = np.interp(wanted, thrust, np.arange(801.0))

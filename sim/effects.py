@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sim.physics.power_module import PowerModule
+
 if TYPE_CHECKING:
     from sim.physics.plant import Plant
 
@@ -169,6 +171,13 @@ def _vibration(plant: Plant, e: HiddenEffect) -> None:
     plant.sensing.blades = e.number() + 1
 
 
+def _power_module(plant: Plant, e: HiddenEffect) -> None:
+    x = e.extra.get
+    plant.sensing.power_module = PowerModule(
+        1.0 + e.size, x("offset_A", 0.0), x("delay_s", 0.0), x("noise_A", 0.0), x("step_A", 0.0)
+    )
+
+
 def _strange(plant: Plant, e: HiddenEffect) -> None:
     """Nothing yet: `Truth` pushes as time passes."""
 
@@ -244,6 +253,11 @@ FORMS = {
         _swap, "charge (0..1) of the pack put in, once landed after onset_s", ("resistance_ohm",)
     ),
     "sensor_delay": EffectForm(_delay, "s by which every reading is late"),
+    "power_module": EffectForm(
+        _power_module,
+        "share by which the pack's current is read too high",
+        ("offset_A", "delay_s", "noise_A", "step_A"),
+    ),
     "vibration": EffectForm(
         _vibration,
         "m/s^2 a rotor at full speed, as its square, at its own rate",

@@ -15,6 +15,7 @@ from coaxlink.cli.shared.stand import at_a_terminal
 from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
 
 if TYPE_CHECKING:
+    from coaxlink.cli.shared.split import Split
     from coaxlink.fly.flight import Flown
     from coaxlink.fly.limits import FlightLimits, PositionState
     from coaxlink.fly.logs import Logs
@@ -29,7 +30,7 @@ def fly(
         str,
         typer.Option(
             metavar="PLAN",
-            help="hover, circle, steps, identify, paper, or a PLAN.toml of refine or identify.",
+            help="hover, circle, steps, identify, paper, split, or a PLAN.toml of refine or identify.",
         ),
     ] = "hover",
     height: Annotated[float, typer.Option(metavar="M", help="Height of the named plans.")] = 4.0,
@@ -39,6 +40,14 @@ def fly(
     battery: Annotated[
         float, typer.Option(min=0.0, max=0.95, help="Lands when less of the charge is left; 0: no limit.")
     ] = 0.3,
+    minutes: Annotated[float, typer.Option(min=0.1, max=60.0, help="Of hover, for the plan `split`.")] = 10.0,
+    split_reach: Annotated[
+        float, typer.Option(min=0.01, max=0.15, help="`split`: so far to both sides of the share on board.")
+    ] = 0.12,
+    after: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FLY.json", help="`split`: goes on from this flight, with a fresh pack."),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="All checks, then leave on the ground.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before arming.")] = False,
     out: Annotated[
@@ -61,6 +70,8 @@ def fly(
 ) -> None:
     """Fly a plan within limits of our own; the pilot's mode change ends it at once."""
     from coaxlink import files
+    from coaxlink.cli.shared.split import PLAN as SPLIT
+    from coaxlink.cli.shared.split import Split
     from coaxlink.fly.flight import Flown, OverLimit, Pilot
     from coaxlink.fly.limits import FlightLimits
     from coaxlink.fly.logs import Logs
@@ -71,7 +82,11 @@ def fly(
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     body = _vehicle_files(airframe, rotor)
     connect = address_of(connect, airframe)
-    planned = plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))
+    split = Split(body, airframe, minutes, split_reach, after or []) if plan == SPLIT else None
+    planned = (
+        split.hover(height) if split
+        else plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))
+    )  # fmt: skip
     limits = FlightLimits(radius_m=fence, ceiling_m=ceiling, battery=battery)
     files.refuse_unwritable(json)
     out = _PLACE if dry_run else _new_folder(out)
@@ -96,6 +111,8 @@ def fly(
             hear_words(session)
             pilot = Pilot(session, limits)
             pilot.check(planned)
+            if split:
+                split.prepare(session)
             logs = Logs(session)
             before = logs.entries() if log else []
             left = pilot.battery()
@@ -107,7 +124,7 @@ def fly(
             _confirm(yes, session.identity.name)
             _record(session, before is None)
             try:
-                _in_the_air(pilot, planned, flown)
+                _in_the_air(pilot, planned, flown, split)
             except OverLimit:
                 found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
                 raise
@@ -120,10 +137,13 @@ def fly(
             found = _bring_down(logs, out, before) if log else {}
     finally:
         if json and not dry_run:
+            found |= split.as_json() if split else {}
             files.write_json(json, {**flown.as_json(), "tlog": str(out / "flight.tlog"), **found})
     path = _usable(out, found)
     console().print(f"flown: {plan}, {flown.flown_s:.0f} s; {path}", soft_wrap=True)
-    if airframe is not None:
+    if split:
+        split.tell(out)
+    elif airframe is not None:
         _refine(path, airframe, rotor, out)
     else:
         say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
@@ -225,17 +245,19 @@ def _record(session: Session, all_of_it: bool) -> None:
         session.request_stream(number, rate)
 
 
-def _in_the_air(pilot: Any, planned: FlightPlan, flown: Flown) -> None:
+def _in_the_air(pilot: Any, planned: FlightPlan, flown: Flown, split: Split | None = None) -> None:
     with talk().status("arming, taking off") as status:
 
         def watch(segment: str, t: float, state: PositionState) -> None:
+            if split and segment == "split":
+                split.watch(t)
             charge = "" if state.battery is None else f", {100 * state.battery:.0f} %"
             status.update(
                 f"{segment}: {t:.0f} of {planned.duration_s:.0f} s, {state.height_m:.1f} m high, "
                 f"{state.off_plan_m:.2f} m off{charge}"
             )
 
-        pilot.fly(planned, flown, watch)
+        pilot.fly(planned, flown, watch, *([split.mixing] if split else []))
 
 
 def _bring_down(logs: Logs, out: Path, before: list[Any] | None) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def mix(
     from coaxlink import files, mixer
     from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.paths import may_be_bridged
+    from coaxlink.live.paths import may_be_bridged, own_curve
     from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
@@ -93,7 +93,7 @@ def mix(
         live_record = _record(record, vehicle, law)
         live = LiveMixer(
             session, vehicle, chosen, rate_hz=rate, dry_run=dry_run, witness=witness, record=live_record,
-            compensation=_effects(session, vehicle, air_temperature), own_curve=_own_curve(session),
+            compensation=_effects(session, vehicle, air_temperature), own_curve=own_curve(session),
         )  # fmt: skip
         if not may_be_bridged(session.identity.autopilot, session.identity.version):
             _warn_of_hand_over(live, frame)
@@ -166,16 +166,6 @@ def _record(folder: Path | None, vehicle: Vehicle, law: str) -> LiveRecord | Non
         "law": law, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": vehicle.model.form,
     }  # fmt: skip
     return LiveRecord(folder / "mix.live", about) if folder else None
-
-
-def _own_curve(session: Session) -> float:
-    """THR_MDL_FAC on board; 0, its default, where it does not say."""
-    from coaxlink.mavlink.parameters import Parameters
-
-    if not session.identity.is_px4:
-        return 0.0
-    found = Parameters(session).read_many(["THR_MDL_FAC"], missing_ok=True)
-    return float(found["THR_MDL_FAC"].value) if "THR_MDL_FAC" in found else 0.0
 
 
 def _warn_of_hand_over(live: LiveMixer, frame: Airframe) -> None:

@@ -45,6 +45,12 @@ def table(
             autocompletion=one_of(*TABLE_LAWS),
         ),
     ] = None,
+    share: Annotated[
+        float | None,
+        typer.Option(
+            min=0.05, max=0.95, help="Fitted, with this share of the hover thrust by the upper rotors."
+        ),
+    ] = None,
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the files here.")] = None,
     connect: Annotated[
@@ -73,6 +79,7 @@ def table(
     json_file: JsonOption = None,
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
+    from coaxlink.mixer.split import table_of
     from coaxlink.report.worth import price
     from coaxlink.tables.ardupilot import ap_commands, report_ap
     from coaxlink.tables.default_law import choose_law
@@ -82,6 +89,8 @@ def table(
 
     if firmware not in FIRMWARES:
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
+    if share is not None and law not in (None, "fitted"):
+        raise InputError("--share", law, "only the fitted law has a share of its own")
     if keep_gains and not connect:
         raise InputError("--keep-gains", "", "--connect URL is expected: the gains to keep are on the board")
     files.refuse_unwritable(json_file)
@@ -106,9 +115,10 @@ def table(
             return px4_commands(made.mix) if isinstance(made, TableReport) else ap_commands(made.mix)
 
         chosen = None
-        if law is None:
+        split = table_of(vehicle, share, spin.low, spin.high) if share is not None else None
+        if law is None and split is None:
             chosen = choose_law(vehicle, speeds_of, spin_min=spin.low, spin_max=spin.high)
-        report = reported(chosen.law, chosen.fit) if chosen else reported(law or "fitted", None)
+        report = reported(chosen.law, chosen.fit) if chosen else reported(law or "fitted", split)
         if isinstance(report, TableReport):
             held = beside_px4(vehicle, report, board if connect else None)
         else:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +27,7 @@ REPORTED_S = 10.0  # in which it must say what is left in the battery: twenty of
 CLIMB_S, LAND_S = 40.0, 120.0  # vehicle's time to the first height, and to the ground
 
 Watch = Callable[[str, float, PositionState], None]
+During = Callable[[], AbstractContextManager[object]]
 
 
 class OverLimit(SafetyRefusal):
@@ -97,8 +99,12 @@ class Pilot:
         found = self._telemetry.latest("remaining")
         return found.value if found else None
 
-    def fly(self, plan: FlightPlan, flown: Flown, watch: Watch | None = None) -> None:
+    def fly(
+        self, plan: FlightPlan, flown: Flown, watch: Watch | None = None, during: During = nullcontext
+    ) -> None:
         """Arm, climb to the plan's start, fly it, land; `flown` is filled in as it goes.
+
+        `during` is entered for the plan alone and left before anything else is commanded.
 
         Raises PlanAbandoned, OverLimit (after the landing), SafetyRefusal, LinkError.
         """
@@ -131,7 +137,8 @@ class Pilot:
                     far = f"the first small swing went {flown.swing:.1f} times as far as asked"
                     raise OverLimit(f"flight ended and landed: {far}: tune its position loops first")
                 plan = sized(plan, flown.swing)
-            commander.follow(plan, start=self._start, held=held)
+            with during():
+                commander.follow(plan, start=self._start, held=held)
             commander.land(LAND_S)
             flown.result = "flown"
         except (PlanAbandoned, LinkError) as error:

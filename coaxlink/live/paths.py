@@ -6,10 +6,14 @@ One table; `require_path` looks an autopilot up in it, or refuses with the row's
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
+
+if TYPE_CHECKING:
+    from coaxlink.mavlink.session import Session
 
 PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 Version = tuple[int, ...]
@@ -98,3 +102,13 @@ def require_path(autopilot: int, version: Version | None, *, bridged: bool = Fal
             name = ".".join(map(str, version)) if version else "of unknown version"
             raise SafetyRefusal(row.reason.format(version=name))
     raise SafetyRefusal(f"no way is known to command the motors of autopilot type {autopilot} live")
+
+
+def own_curve(session: Session) -> float:
+    """THR_MDL_FAC on board; 0, its default, where it does not say."""
+    from coaxlink.mavlink.parameters import Parameters
+
+    if not session.identity.is_px4:
+        return 0.0
+    found = Parameters(session).read_many(["THR_MDL_FAC"], missing_ok=True)
+    return float(found["THR_MDL_FAC"].value) if "THR_MDL_FAC" in found else 0.0

@@ -158,6 +158,11 @@ class TableFit:
                 columns, chosen = refined, found
         return FittedTable(*columns, chosen, tuple(trade for trade, _ in options))
 
+    def at(self, share: float) -> FittedTable:
+        """The best table of one share, upper column over lower, whatever it costs."""
+        trade, x = self._with_share(share)
+        return FittedTable(*self._columns(share, x), trade, (trade,))
+
     def with_margins(self, fitted: FittedTable, ceiling_N: float, yaw_Nm: float) -> FittedTable | None:
         """The table of least power that keeps a ceiling and a yaw in hover, None where no share does.
 

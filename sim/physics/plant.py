@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim.physics import layout
 from sim.physics.pair import Pair
+from sim.physics.power_module import PowerModule
 from sim.vehicle import LOWER, SimVehicle
 
 STEP_S = 0.001
@@ -48,11 +49,12 @@ class MotorData:
 
 @dataclass
 class Sensing:
-    """What a truth does to the sensors: how late they are, and what the rotors shake them with."""
+    """What a truth does to the sensors: how late they are, what shakes them, what reads the current."""
 
     delay_s: float = 0.0
     vibration_m_s2: float = 0.0  # of one rotor at full speed
     blades: int = 1  # times a turn
+    power_module: PowerModule | None = None  # None reads the current as it is
 
 
 class Plant:

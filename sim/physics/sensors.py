@@ -82,7 +82,9 @@ class Sensors:
         self.take_shaking()
         top = p.pair.speed_max_rpm * np.pi / 30.0
         sense(p.state, p.out, top, FOOT_Z_M, self.memory, self.rows(1)[0], self.turns, self._read_s, r)
-        now = SensorReading(p.time_s, r, p.current)
+        module = p.sensing.power_module
+        amps = p.current if module is None else module.read(p.current, self._read_s)
+        now = SensorReading(p.time_s, r, amps)
         return self._late(now) if p.sensing.delay_s > 0.0 else now
 
     def take_shaking(self) -> None:

@@ -119,6 +119,19 @@ def test_every_reading_is_late_by_the_delay() -> None:
     assert read[-1].time_s == pytest.approx(59 * READ_S) and read[0].velocity[2] == true[0]
 
 
+def test_a_power_module_reads_late_scaled_and_in_steps() -> None:
+    extra = {"offset_A": 0.7, "delay_s": 0.4, "step_A": 0.1}
+    p = flown(HiddenEffect("power_module", 0.1, 0.0, extra))
+    sensors = Sensors(p, 3, QUIET)
+    p.state[p.index.CURRENT] = 50.0
+    assert sensors.read().current == pytest.approx(55.7)
+    p.state[p.index.CURRENT] = 60.0
+    read = [sensors.read().current for _ in range(1000)]
+    assert read[99] == pytest.approx(0.7 + 1.1 * (50.0 + 10.0 * (1.0 - math.exp(-1.0))), abs=0.051)
+    assert read[-1] == pytest.approx(66.7)
+    assert all(abs(10.0 * amps - round(10.0 * amps)) < 1e-6 for amps in read)
+
+
 @pytest.mark.parametrize(("law", "times"), [("unbalance", 1), ("blade_pass", 2)])
 def test_rotors_shake_at_their_rate_as_their_speed_squared(law: str, times: int) -> None:
     p = flown(HiddenEffect("vibration", 6.0, 0.0, {}, law))

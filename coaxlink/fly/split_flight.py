@@ -1,0 +1,97 @@
+"""The hover of a split plan: live mixing whose split moves, and the power measured meanwhile.
+
+Live mixing is what makes an end quick: once it is silent, the autopilot's own mixer flies, with the split on
+board. So every end of the plan, a limit, the pilot, a dead link or this process, ends the split too.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.errors import SafetyRefusal
+from coaxlink.fly.flight import OverLimit
+from coaxlink.fly.split_plan import POWER_HZ, PowerRecord, SplitPlan
+from coaxlink.live.bridge import BridgeEnd, board_factors
+from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.paths import own_curve
+from coaxlink.mavlink import Session
+from coaxlink.mavlink.telemetry import Telemetry
+from coaxlink.mixer import make_law
+from coaxlink.mixer.split import SplitLaw, SplitLevel, equal_share, split_levels, upper_share
+from coaxlink.vehicle import Vehicle
+
+BEATS_HZ = 10.0  # of heartbeats, which tell the pilot's mode change
+BATTERY, HEARTBEAT = 147, 0  # message ids
+SWITCH_S = 2e-4  # how long another thread may keep the live loop from the interpreter
+HELD = 0.8  # of the weight, that the autopilot's own mixer must carry at the demand of the law
+EVEN = 1e-3  # throttle factors closer than this are equal
+
+
+def split_on_board(session: Session, vehicle: Vehicle) -> float:
+    """Share of the hover thrust that the upper rotors give with what is on board; nothing is commanded.
+
+    Raises SafetyRefusal where this autopilot cannot be mixed live, where its own mixer would drop the
+    vehicle at an end, and for a matrix on board that is uneven, whose split is not known here.
+    """
+    airframe, curve = vehicle.airframe, own_curve(session)
+    weight = airframe.mass_kg * GRAVITY_M_S2
+    with LiveMixer(session, vehicle, own_curve=curve, dry_run=True) as probe:
+        bridge = probe.bridge
+        carried = probe.core.hand_over_thrust(weight) if bridge is None else weight
+    if carried < HELD * weight:
+        raise SafetyRefusal(
+            f"at its end the autopilot's own mixer would first give {carried:.0f} N of {weight:.0f} N: "
+            "set THR_MDL_FAC to 1, or nearer to it"
+        )
+    if isinstance(bridge, BridgeEnd):
+        if np.ptp([row[3] for row in board_factors(session)]) > EVEN:
+            raise SafetyRefusal("the matrix on board gives its motors uneven thrust: its split is not known")
+        return equal_share(vehicle)
+    if bridge is not None:  # PX4's module flies the exact law by itself
+        return upper_share(vehicle, make_law("exact", vehicle).speeds([weight, 0.0, 0.0, 0.0]))
+    return equal_share(vehicle)
+
+
+class SplitFlight:
+    """Give `mixing` and `watch` to `Pilot.fly`; what came of it is in `record`."""
+
+    def __init__(self, session: Session, vehicle: Vehicle, *, reach: float, levels: int, dwells: int) -> None:
+        """Looks at the board (`split_on_board`) and fits the levels. Raises SafetyRefusal, InputError."""
+        self._session = session
+        board = split_on_board(session, vehicle)
+        self.levels: tuple[SplitLevel, ...] = split_levels(vehicle, board, reach, levels)
+        self.plan = SplitPlan(tuple(level.share for level in self.levels), board, dwells)
+        self.law = SplitLaw(self.levels, board)
+        self.mixer = LiveMixer(session, vehicle, self.law, own_curve=own_curve(session))
+        self.record = PowerRecord(Telemetry(session.clock.monotonic), self.plan)
+        self.law.speeds([vehicle.airframe.mass_kg * GRAVITY_M_S2, 0.0, 0.0, 0.0])  # caches, never in flight
+
+    @contextmanager
+    def mixing(self) -> Iterator[None]:
+        """The companion in the loop; left with the split on board."""
+        session, switch = self._session, sys.getswitchinterval()
+        session.request_stream(BATTERY, POWER_HZ)
+        session.request_stream(HEARTBEAT, BEATS_HZ)
+        ends = [session.subscribe(self.record.telemetry.hear), session.subscribe(self.record.hear)]
+        sys.setswitchinterval(SWITCH_S)
+        try:
+            with self.mixer:
+                yield
+        finally:
+            sys.setswitchinterval(switch)
+            self.record.now_s = math.nan
+            for end in ends:
+                end()
+
+    def watch(self, t: float) -> None:
+        """Move the split to where it is at `t` s of the plan. Raises OverLimit where the mixer gave up."""
+        if self.mixer.failed.is_set():
+            raise OverLimit(f"flight ended and landed: live mixing stopped itself: {self.mixer.error}")
+        self.law.share = self.plan.share(t)
+        self.record.now_s = t if self.mixer.state == "live" else math.nan

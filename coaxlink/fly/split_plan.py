@@ -1,0 +1,117 @@
+"""Steps of the split in hover: which level when, and what the vehicle said of its power meanwhile."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from coaxlink.errors import InputError
+from coaxlink.fly.split_answer import Dwells, SplitAnswer, best_split, dwells_of, joined
+from coaxlink.fly.trajectory import FlightPlan, Hold
+from coaxlink.mavlink.telemetry import Telemetry
+
+RAMP_S = 1.0  # from a level to the next
+SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop and the power module's filter
+DWELL_S = 12.0
+POWER_HZ = 10.0
+COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
+
+
+@dataclass(frozen=True)
+class SplitPlan:
+    """Up and down through the levels, then down and up, and so on: what drifts steadily cancels (ABBA).
+
+    It begins and ends at `on_board`; every step goes to a level beside the one before.
+    """
+
+    levels: tuple[float, ...]  # rising shares of the upper rotors
+    on_board: float
+    dwells: int
+    dwell_s: float = DWELL_S
+    settle_s: float = SETTLE_S
+
+    @property
+    def duration_s(self) -> float:
+        """All dwells, and a ramp back."""
+        return self.dwells * self.dwell_s + RAMP_S
+
+    def number(self, t: float) -> int:
+        """Of the dwell at `t` s, from 0."""
+        return int(t // self.dwell_s)
+
+    def level(self, t: float) -> float:
+        """What is flown at `t` s, once the ramp to it is over."""
+        number = self.number(t)
+        return self._order(number) if 0 <= number < self.dwells else self.on_board
+
+    def share(self, t: float) -> float:
+        """What to fly at `t` s: a ramp of RAMP_S from the level before."""
+        before, level = self.level(t - self.dwell_s), self.level(t)
+        part = min(t % self.dwell_s / RAMP_S, 1.0)
+        return before + part * (level - before)
+
+    def flight(self, height_m: float) -> FlightPlan:
+        """The hover in which it is flown."""
+        return FlightPlan((Hold("split", (0.0, 0.0, -height_m), self.duration_s),))
+
+    def words(self) -> str:
+        """What it will do, in a line."""
+        levels = ", ".join(f"{share:.3f}" for share in self.levels)
+        return (
+            f"split: hovers {self.duration_s / 60:.1f} minutes, the upper rotors give {levels} of the thrust "
+            f"in turn ({self.on_board:.3f} on board), {self.dwells} times {self.dwell_s:g} s"
+        )
+
+    def _order(self, number: int) -> float:
+        """Starting in the middle, up and down; every second round mirrored."""
+        top = len(self.levels) - 1
+        middle = min(range(top + 1), key=lambda n: abs(self.levels[n] - self.on_board))
+        place = (middle + number) % (2 * (top + 1))
+        return self.levels[place if place <= top else 2 * top + 1 - place]
+
+
+@dataclass
+class PowerRecord:
+    """Battery readings of the hover, and what else moves them: subscribe `hear`, call `at` as time passes.
+
+    Empty where the vehicle measures no current.
+    """
+
+    telemetry: Telemetry
+    plan: SplitPlan
+    now_s: float = math.nan  # into the plan, the vehicle's clock; NaN: nothing is kept
+    rows: list[tuple[float, ...]] = field(default_factory=list)  # dwell, s, W, share, sinking m/s, tilt^2
+    earlier: tuple[Dwells, ...] = ()  # flights before, with other packs
+
+    def hear(self, message: Any) -> None:
+        """Session subscriber."""
+        t = self.now_s  # once: it is set on another thread
+        if math.isnan(t) or message.get_type() != "BATTERY_STATUS" or message.current_battery < 0:
+            return
+        volts = sum(v for v in message.voltages if 0 < v < 65535) / 1e3
+        velocity, attitude = self.telemetry.latest("velocity"), self.telemetry.latest("attitude")
+        if velocity and attitude:
+            roll, pitch, _ = attitude.value
+            watts = volts * message.current_battery / 100.0
+            number, level = self.plan.number(t), self.plan.level(t)
+            self.rows.append((number, t, watts, level, velocity.value[2], roll**2 + pitch**2))
+
+    def dwells(self) -> Dwells:
+        """One row a dwell; columns: sinking, its rate (what the thrust is beside the weight), tilt squared.
+
+        Raises InputError where nothing was measured.
+        """
+        if len(self.rows) < 2:
+            raise InputError("the vehicle", "BATTERY_STATUS", "it says no battery current: no power is known")
+        number, t, watts, level, sinking, tilt = np.array(self.rows).T
+        step = np.maximum(np.diff(t, append=t[-1] + 1.0), 1e-3)
+        falling = np.append(np.diff(sinking), 0.0) / step
+        columns = dict(zip(COLUMNS, (sinking, falling, tilt), strict=True))
+        return dwells_of(number, t, watts, level, self.plan.settle_s, columns)
+
+    def answer(self) -> SplitAnswer:
+        """Of what was flown, now and earlier. Raises InputError where that is too little."""
+        return best_split(joined([*self.earlier, self.dwells()]), self.plan.on_board)
