@@ -33,7 +33,7 @@ def test_a_lone_rotor_is_measured_at_levels_not_on_a_map(
     log = tmp_path / "log.csv"
     rows = [f"{500 * i},{0.7 * i * i:.4f},{0.018 * i * i:.4f}" for i in range(1, 11)]
     log.write_text("\n".join(["upper_rpm,upper_thrust_N,upper_torque_Nm", *rows]) + "\n")
-    assert coaxlink("identify", log, "--form", "srm") == 0
+    assert coaxlink("identify", log, "--form", "srm", "--all") == 0
     assert "% of 5 levels" in capsys.readouterr().err
 
 
