@@ -319,7 +319,7 @@ def test_the_right_rotor_or_a_refusal(tmp_path: Path, capsys: pytest.CaptureFixt
             folder = tmp_path / str(number)
             folder.mkdir()
             out = folder / "rotor.toml"
-            code = coaxlink("identify", make(folder), *CRM, "--out", out, *options)
+            code = coaxlink("identify", make(folder), *CRM, "--all", "--out", out, *options)
             said = capsys.readouterr().err
             with case(name):
                 assert code == expected % 10 and words in said, said
