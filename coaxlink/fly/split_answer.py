@@ -94,7 +94,7 @@ class SplitAnswer:
         if not self.worth_it:
             return f"nothing to gain beyond {high:.1f} %: a larger saving would not have been missed"
         least, most = self.share_ci
-        edge = "; the least may lie beyond what was flown (--split-reach)" if self.at_edge else ""
+        edge = "; the least may lie beyond what was flown (`split_reach`)" if self.at_edge else ""
         return (
             f"least power with {self.share:.3f} ({least:.3f} to {most:.3f}) of the thrust from above, "
             f"on board {self.on_board:.3f}: saves {100 * self.saving:.1f} % ({low:.1f} to {high:.1f}), "

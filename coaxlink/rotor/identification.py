@@ -414,7 +414,7 @@ def _warnings(data: StandData, against: Sequence[str]) -> Iterator[str]:
     elif speeds.source == FASTEST and not any(data.samples.has(f"{side}_throttle") for side in SIDES):
         yield (
             f"u = 1 is {speeds.speed_max_rpm:.0f} rpm, the fastest of a log without throttle: a table takes "
-            "that for full throttle; --speed-max-rpm states another"
+            "that for full throttle; `speed_max_rpm` states another"
         )
     alike = speeds.correlation()
     if alike > CORRELATED:

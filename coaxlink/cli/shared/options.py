@@ -43,6 +43,7 @@ OPTIONS = {
     "spacing_m": "--spacing",
     "spin_from_table": "--spin-from-table",
     "speed_max_rpm": "--speed-max-rpm",
+    "split_reach": "--split-reach",
     "take_over": "--take-over",
     "target_system": "--system",
     "template": "--template",
