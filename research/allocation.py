@@ -34,8 +34,8 @@ import numpy as np
 from coaxlink.files import example
 from coaxlink.mixer import make_law
 from coaxlink.mixer.exact import ExactLaw, solver
-from coaxlink.mixer.exact.compiled import OPTIONS, functions
-from coaxlink.mixer.exact.law import standing
+from coaxlink.mixer.exact.arms import standing
+from coaxlink.mixer.exact.compiled import OPTIONS, function
 from coaxlink.vehicle import load_vehicle
 
 X8 = load_vehicle(example("x8_paper.toml"))
@@ -69,7 +69,7 @@ def sqp(quadratic: Quadratic, compiled: bool) -> Solver:
     if compiled:
         import numba
 
-        functions()
+        function()  # what `expand` calls is compiled with it
         expand = numba.njit(expand, **OPTIONS)
     h = np.zeros((8, 8))
 
@@ -87,7 +87,8 @@ def sqp(quadratic: Quadratic, compiled: bool) -> Solver:
             s.price[:] = np.clip(price, -50, 50)
             if np.abs(step).max() < 1e-5:
                 break
-        return s.x[units.slots]
+        upper, least, most = s.x[::2], *(p.line[:, [0, 2]] + p.line[:, [1, 3]] * s.x[::2, None]).T
+        return np.column_stack([upper, least + (most - least) * s.x[1::2]]).ravel()[units.slots]
 
     return solve
 
@@ -224,17 +225,6 @@ def measure(solve: Solver, demands: np.ndarray) -> dict[str, float]:
     }  # fmt: skip
 
 
-def batch(demands: np.ndarray) -> float:
-    """us each of many wrenches in one compiled call, the best of three."""
-    law, best = ExactLaw(X8, compiled=True), float("inf")
-    law.many(demands[:10])
-    for _ in range(3):
-        began = CLOCK()
-        law.many(demands)
-        best = min(best, (CLOCK() - began) / 1e3 / len(demands))
-    return best
-
-
 def on_board(rows: int, airframe: Path) -> list[dict[str, Any]]:
     """A line a kind of demand, printed."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
@@ -283,11 +273,6 @@ def main() -> None:
             r = result[name][label] = measure(solve, demands[:few])
             print(f"  {label:44s} {r['median_us']:10.2f} {r['p99_us']:9.1f} {r['error_max']:22.2g}")
     document: dict[str, Any] = {"targets": result}
-    if not options.small:
-        document["batch_us"] = {
-            n: batch(d) for n, d in (("smooth", smooth(100_000)), ("jumping", jumping(100_000)))
-        }
-        print(f"\nbatch of 100000: {document['batch_us']} us each")
     if options.json:
         options.json.write_text(json.dumps(document, indent=2))
     if options.small and shutil.which("g++"):
