@@ -1,5 +1,6 @@
 """The linear mixers against the paper's printed matrices and against arithmetic done by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer import allocate, make_law, reduced_coefficients, standard_coefficients
+from coaxlink.mixer import LAWS, allocate, make_law, reduced_coefficients, standard_coefficients
 from coaxlink.rotor import load_rotor_model
 from coaxlink.studies.paper import printed_laws
 from coaxlink.vehicle import Vehicle
@@ -89,3 +90,10 @@ def test_a_wrench_that_is_not_four_numbers_and_an_unknown_law_are_refused():
             law.speeds(bad)
     with pytest.raises(InputError, match="magic: no such law"):
         make_law("magic", Vehicle(X8, RCRM))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_vehicle_that_its_rotors_do_not_lift_is_refused_with_both_forces(law):
+    # by hand, of eq. 15: 4 x (46.98 + 69.89) N at full throttle, 50 kg x 9.807
+    with pytest.raises(InputError, match=r"mass_kg: cannot fly: .* 467\.4 N at full throttle, 490\.3 N hang"):
+        make_law(law, Vehicle(replace(X8, mass_kg=50.0), RCRM))
