@@ -159,7 +159,9 @@ def _read(logs: list[Path], how: StandOptions, joined: bool) -> list[Samples]:
 def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     from coaxlink.report.identify import answer, drive_lines, remarks, sentence, tables
 
-    say(f"{result.data.samples.source}: {result.data.samples.rows} rows")
+    data = result.data
+    found = f" of {data.samples.rows} conditions" if data.samples.rows < data.logged else ""
+    say(f"{data.samples.source}: {data.logged} rows{found}")
     screen = console()
     screen.print(sentence(result))
     screen.print(answer(result))

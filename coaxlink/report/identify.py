@@ -44,7 +44,8 @@ def sentence(result: Identification) -> str:
     floor = result.noise_floor.get(name)
     noise = f" (noise alone: {floor:.2g} {unit})" if floor else ""
     others = {f: c[name].rmse for f, c in result.comparison.items() if f != result.form and name in c}
-    usual = f"; the usual u² law misses {others['srm']:.3g} {unit}" if "srm" in others else ""
+    less = " only" if others.get("srm", np.inf) < e.rmse else ""
+    usual = f"; the usual u² law misses{less} {others['srm']:.3g} {unit}" if "srm" in others else ""
     return (
         f"The {NAMES[result.form]} predicts the {channel_words(name)} at speeds it was not fitted to within "
         f"{e.rmse:.3g} {unit} rms{noise}{usual}."

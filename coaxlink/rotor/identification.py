@@ -92,11 +92,11 @@ class Identification:
 
     def __repr__(self) -> str:
         source = Path(self.data.samples.source).name
-        return f"Identification({self.form} of {source}, {self.data.samples.rows} rows)"
+        return f"Identification({self.form} of {source}, {self.data.logged} rows)"
 
     def __str__(self) -> str:
         """Ten lines: what it is of, the model, and each load's error on blocks that no fit saw."""
-        rows = f"{self.data.samples.source}: {self.data.samples.rows} rows"
+        rows = f"{self.data.samples.source}: {self.data.logged} rows"
         errors = [
             f"{name.replace('_', ' ')}: {e.rmse:.3g} {unit_of(name)} held out, {100 * e.nrmse:.2g} % of range"
             for name, e in self.channels.items()
@@ -115,7 +115,8 @@ class Identification:
         return {
             "form": self.form,
             "speed_max_rpm": self.model.speed_max_rpm,
-            "rows": self.data.samples.rows,
+            "rows": self.data.logged,
+            "conditions": self.data.samples.rows,
             "terms": self.model.terms(),
             "channels": _errors_json(self.channels),
             "nrmse_normaliser": NORMALISER,
@@ -298,12 +299,19 @@ def _channel_errors(data: StandData, predicted: Values) -> Channels:
 
 
 def _simplest(data: StandData, predicted: Mapping[str, Values]) -> str:
-    """The first form of the ladder whose held-out error is within one standard error of the best."""
+    """The first form of the ladder whose held-out error is within one standard error of the best.
+
+    A form that a simpler one beats is not among them, however wide its standard error.
+    """
     loss = _losses(data, predicted)
-    best = min(loss, key=lambda name: float(loss[name].sum()))
-    return next(
-        name for name in predicted if name == best or _above(loss[name], loss[best]) <= ONE_STANDARD_ERROR
-    )
+    total = {name: float(of.sum()) for name, of in loss.items()}
+    best = min(total, key=lambda name: total[name])
+    least = np.inf
+    for name in predicted:
+        if name == best or (total[name] <= least and _above(loss[name], loss[best]) <= ONE_STANDARD_ERROR):
+            return name
+        least = min(least, total[name])
+    return best
 
 
 def _losses(data: StandData, predicted: Mapping[str, Values]) -> dict[str, Array]:
@@ -446,7 +454,7 @@ def _provenance(result: Identification) -> dict[str, Any]:
     return {
         "file": path.name,
         "sha256": files.sha256(path) if path.is_file() else "",
-        "rows": result.data.samples.rows,
+        "rows": result.data.logged,
         "law": LASSO,
         "errors": _errors_json(result.channels),
         "noise_floor": dict(result.noise_floor),

@@ -16,6 +16,7 @@ import numpy as np
 
 from coaxlink.data import Samples
 from coaxlink.data.aliases import PAIR, QUANTITIES, SIDES
+from coaxlink.data.averaging import conditions
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.rotor.fit import Array, LoadFit, Options
@@ -67,6 +68,7 @@ def is_pair(samples: Samples) -> bool:
 
 def pair_sum(samples: Samples, speed_max_rpm: float | None = None) -> PairSum:
     """The sums over both speeds. Raises InputError where the log has no speeds of both rotors, or too few."""
+    read, samples = samples, conditions(samples)
     speeds = normalised_speeds(samples, speed_max_rpm)
     if samples.rows < FEWEST_ROWS or np.ptp(speeds.upper) <= 0 or np.ptp(speeds.lower) <= 0:
         found = f"{samples.rows} rows{samples.rows_lost()}"
@@ -82,7 +84,7 @@ def pair_sum(samples: Samples, speed_max_rpm: float | None = None) -> PairSum:
         rows = LoadRows(name, speeds.upper, speeds.lower, y, held)
         fits[name] = fit_load("crm", rows, Options(max_order=2))
         errors[name] = held_out_error(y, _held_out(rows, fits[name]))
-    return PairSum(samples, speeds, fits, errors)
+    return PairSum(read, speeds, fits, errors)
 
 
 def _sign(readings: Array) -> float:

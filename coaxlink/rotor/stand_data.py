@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data import Samples
-from coaxlink.data.averaging import shortened
+from coaxlink.data.averaging import conditions
 from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
 from coaxlink.load import LOADS, Load, of_rotor
@@ -27,6 +27,7 @@ COAXIAL = {
 PROPORTIONAL = 0.01  # rpm that follow the throttle this closely tell the speed at full throttle
 STEP = 0.05  # of the speed range: a smaller change is not a new level
 MOST_FOLDS = 12
+LEAST_SWEEP = 3  # rows
 FASTEST = "fastest rpm in the log"
 FEWEST_ROWS = 6  # of a load: below, nothing is fitted to it
 SLOWEST_RPM, FASTEST_RPM = 1.0, 1e6  # no rotor at full speed is beyond
@@ -81,10 +82,11 @@ class LoadRows:
 class StandData:
     """A stand log as speeds, loads and folds."""
 
-    samples: Samples
+    samples: Samples  # a row a condition
     speeds: Speeds
     loads: Values
     fold: NDArray[np.int64]  # (rows,)
+    logged: int  # rows of the log
 
     @cached_property
     def watts(self) -> dict[str, WattsFit]:
@@ -105,7 +107,7 @@ class StandData:
 
 def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandData:
     """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
-    samples = shortened(without_tares(samples))
+    logged, samples = samples.rows, conditions(without_tares(samples))
     speeds = normalised_speeds(samples, speed_max_rpm)
     # a rotor without its thrust makes no model; the lower one's is required only where it turned
     samples.require(*(load.column for load in of_rotor(0)))
@@ -113,7 +115,7 @@ def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandDat
         samples.require(*(load.column for load in of_rotor(1)))
     unknown = np.full(samples.rows, np.nan)
     loads = {load.key: samples[load.column] if samples.has(load.column) else unknown for load in Load}
-    found = StandData(samples, speeds, loads, folds(blocks(samples, speeds)))
+    found = StandData(samples, speeds, loads, folds(blocks(samples, speeds)), logged)
     if not found.measured:
         raise InputError(
             samples.source,
@@ -195,7 +197,8 @@ def blocks(samples: Samples, speeds: Speeds) -> NDArray[np.int64]:
     """(rows,) block of each row: runs of a constant slow axis (sweeps), or ten stretches in log order.
 
     A block is held out whole: neighbouring rows share drift, temperature and rig, so the error on a row
-    between fitted neighbours is too good.
+    between fitted neighbours is too good. A row or two between jumps (rest, a rotor that spins up) are no
+    sweep: they go with their neighbours.
     """
     candidates = []
     for side, u in (("upper", speeds.upper), ("lower", speeds.lower)):
@@ -203,13 +206,20 @@ def blocks(samples: Samples, speeds: Speeds) -> NDArray[np.int64]:
         span = np.ptp(axis)
         if span <= 0:
             continue
-        new = np.concatenate([[0], np.cumsum(np.abs(np.diff(axis)) > STEP * span)])
-        if 4 <= new[-1] + 1 <= samples.rows // 3:
-            candidates.append(new)
+        jumps = np.flatnonzero(np.abs(np.diff(axis)) > STEP * span) + 1
+        found = np.repeat(*_joined(np.diff([0, *jumps, samples.rows])))
+        if 4 <= found[-1] + 1 <= samples.rows // 3 and 2 * np.bincount(found).max() <= samples.rows:
+            candidates.append(found)
     if candidates:
         return np.asarray(min(candidates, key=lambda b: b[-1]), np.int64)
     count = max(2, min(10, samples.rows // 3))
     return np.asarray(np.arange(samples.rows) * count // max(samples.rows, 1), np.int64)
+
+
+def _joined(sizes: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Number of the sweep that each run of rows is or goes with, and the runs' sizes (runs,)."""
+    sweep = np.cumsum(sizes >= LEAST_SWEEP) - 1
+    return np.maximum(sweep, 0), sizes
 
 
 def folds(block: NDArray[np.int64]) -> NDArray[np.int64]:

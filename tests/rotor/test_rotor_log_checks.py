@@ -7,7 +7,7 @@ import pytest
 from rotor_bench import pair_log
 
 from coaxlink.data import Samples
-from coaxlink.data.averaging import shortened
+from coaxlink.data.averaging import conditions
 from coaxlink.rotor.fit import Options
 from coaxlink.rotor.identification import identify
 from coaxlink.rotor.log_checks import check_log, coverage, for_the_table, oddities
@@ -94,13 +94,12 @@ def test_what_a_line_of_speeds_means_for_a_table() -> None:
     assert "for a table: nothing" in for_the_table(full_map, "lower.thrust_N")
 
 
-def test_long_logs_are_averaged_where_speeds_hold() -> None:
+def test_logs_in_time_are_averaged_where_speeds_hold() -> None:
     u, v = full()
     held = log(np.repeat(u, 1000), np.repeat(v, 1000))
-    short = shortened(held, 2000)
-    assert short.rows <= 2000 and "means of 32" in short.notes[-1]
-    np.testing.assert_allclose(short["upper_thrust_N"], 60 * (short["upper_rpm"] / TOP) ** 2, atol=0.2)
+    short = conditions(held)
+    assert short.rows == len(u) and f"{held.rows} rows as {len(u)} steady stretches" in short.notes[-1]
+    np.testing.assert_allclose(short["upper_thrust_N"], 60 * (short["upper_rpm"] / TOP) ** 2, atol=0.05)
+    assert conditions(short) is short
     random = np.random.default_rng(0).permutation(len(held["upper_rpm"]))
-    mixed = shortened(held.take(random), 2000)
-    assert mixed.rows == 2000 and "every 32th" in mixed.notes[-1]
-    assert shortened(held) is not held and shortened(short) is short
+    assert conditions(held.take(random), 2000).rows < 4000  # speeds never hold still: rows left out evenly
