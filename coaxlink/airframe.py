@@ -153,7 +153,21 @@ class Airframe:
         none = np.zeros_like(unit)
         return self.wrench(unit, none).T, self.wrench(none, unit).T
 
+    def lost_axes(self) -> tuple[str, ...]:
+        """Those of roll, pitch and yaw that no thrusts make alone: on one point, on a line, all ccw."""
+        thrust, torque = self.effectiveness()
+        rows = thrust + TORQUE_M * torque
+        lost = []
+        for k, name in enumerate(AXES[1:], start=1):
+            others = np.delete(rows, k, axis=0).T
+            alone = rows[k] - others @ np.linalg.lstsq(others, rows[k], rcond=None)[0]
+            if np.sqrt(np.mean(alone**2)) < LEAST_LEVER_M:
+                lost.append(name)
+        return tuple(lost)
 
+
+TORQUE_M = 0.02  # N m of torque for a newton of thrust: 0.01 to 0.03 from toys to heavy lifters
+LEAST_LEVER_M = 1e-3  # of the rotors about an axis, root mean square: no multirotor flies on less
 FURTHEST_M = 1000.0  # no rotor is further from the centre of mass; a board's float32 holds no more than 3e38
 Component = Annotated[float, Field(allow_inf_nan=False, ge=-FURTHEST_M, le=FURTHEST_M)]
 Vector = tuple[Component, Component, Component]

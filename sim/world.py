@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from firmware_params import bounded
 from sim.documents import write_atomic
 from sim.errors import WorldError
@@ -34,6 +36,7 @@ SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
 
 
 KEY_FILE = 4096  # bytes; a passphrase is shorter
+LEAST_LEVER_M = 1e-3  # of the rotors about an axis: no multirotor flies on less
 UID_BITS = 96  # an STM32's
 SCRIPTS_START_S = 2.0  # of an ArduPilot's start; it speaks again 1.5 s after a reboot
 
@@ -174,6 +177,8 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
     rotor = world.rotor or vehicle.rotor_file
     if rotor is None:
         raise WorldError(world.airframe, "rotor_model", "a rotor file is expected")
+    pair = read_pair(rotor)
+    _refuse_what_cannot_fly(world.airframe, vehicle, rotor, pair)
     truth = Truth()
     if world.truth is not None:
         truth = read_truth(world.truth)
@@ -181,7 +186,22 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
         truth = hidden_truth(world.hidden_seed, vehicle.rotors)
     if world.truth_out is not None:
         write_atomic(world.truth_out, truth_text(truth))
-    return Plant(vehicle, read_pair(rotor)), truth
+    return Plant(vehicle, pair), truth
+
+
+def _refuse_what_cannot_fly(airframe: Path, vehicle: SimVehicle, rotor: Path, pair: Any) -> None:
+    """Raises WorldError for rotors on one point or one line, and for those that turn by themselves."""
+    levers = np.cross(vehicle.position_m, vehicle.axis)[:, :2]
+    if np.linalg.matrix_rank(np.column_stack([vehicle.axis[:, 2], levers]), tol=LEAST_LEVER_M) < 3:
+        problem = "rotors on one point or one line make no roll or no pitch; metres are expected"
+        raise WorldError(airframe, "rotors.position_m", problem)
+    torques = {"upper": pair.loads(1.0, 0.0)[1]}
+    if (vehicle.partner >= 0).any():
+        torques["lower"] = pair.loads(1.0, 1.0)[3]
+    for name, torque in torques.items():
+        if not torque > 0.0:
+            problem = f"more than 0 N m turns a rotor at full speed, found {torque:.4g} N m"
+            raise WorldError(rotor, f"{name}.torque_Nm", problem)
 
 
 def build_bridge(

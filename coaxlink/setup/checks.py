@@ -31,7 +31,7 @@ _SIDE = 0.2  # of the longest arm: closer to an axis than this, a side is not to
 
 def check_airframe(airframe: Airframe, model: RotorModel | None = None) -> tuple[Finding, ...]:
     """Findings, errors first; an empty tuple is a sound vehicle. With the rotor model also its thrust."""
-    checks = (_lengths, _pairs, _balance, _mass, _inertia)
+    checks = (_authority, _lengths, _pairs, _balance, _mass, _inertia)
     found = [finding for check in checks for finding in check(airframe)]
     found += _thrust(airframe, model) if model else ()
     return tuple(sorted(found, key=lambda f: f.severity != "error"))
@@ -96,6 +96,14 @@ def airframe_arm(airframe: Airframe) -> float:
     return max(math.hypot(r.position_m[0], r.position_m[1]) for r in airframe.rotors)
 
 
+def _authority(airframe: Airframe) -> Iterator[Finding]:
+    if lost := ", ".join(airframe.lost_axes()):
+        text = f"these rotors cannot make {lost}, whatever their thrusts"
+        yield Finding(
+            "airframe.authority", "error", text, "positions in metres, and both spins, are expected"
+        )
+
+
 def _lengths(airframe: Airframe) -> Iterator[Finding]:
     arm = airframe_arm(airframe)
     if not _SHORTEST_M <= arm <= _WIDEST_M:
@@ -141,7 +149,7 @@ def _inertia(airframe: Airframe) -> Iterator[Finding]:
         yield Finding("airframe.inertia", "error", text, f"{xx:g}, {yy:g}, {zz:g}")
         return
     for axis, moment in zip("xyz", (xx, yy, zz), strict=True):
-        radius = math.sqrt(moment / airframe.mass_kg) / arm
+        radius = math.sqrt(moment / airframe.mass_kg) / max(arm, _SHORTEST_M)
         if not _GYRATION[0] <= radius <= _GYRATION[1]:
             text = f"inertia about {axis} of {moment:g} kg m^2 does not fit {airframe.mass_kg:g} kg"
             yield Finding("airframe.inertia", "warning", text, f"radius of gyration {radius:.2f} arms")

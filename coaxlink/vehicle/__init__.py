@@ -1,7 +1,7 @@
 """What laws, tables and live mixing take: airframe and rotors, every effect in them or named as left out."""
 
 from coaxlink.effects.static import Conditions
-from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_lift, vehicle_of
+from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_rotor, vehicle_of
 from coaxlink.vehicle.power import battery_watts, shaft_watts
 from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
 
@@ -13,7 +13,7 @@ __all__ = [
     "load_vehicle",
     "plain_rotors",
     "refuse_live",
-    "refuse_no_lift",
+    "refuse_no_rotor",
     "require_vehicle",
     "shaft_watts",
     "usual_lift",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from coaxlink.airframe import load_airframe
 from coaxlink.effects import effect, effects
 from coaxlink.effects.base import FORMERLY
@@ -13,6 +15,8 @@ from coaxlink.load import Load
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.vehicle.vehicle import Vehicle, require_vehicle
 from firmware_params.keys import misspelt, unknown_key
+
+DRIVEN = np.linspace(0.3, 1.0, 8)  # of full speed: what flies; slower, a fit has its own zero
 
 
 def vehicle_of(given: Vehicle | str | Path) -> Vehicle:
@@ -32,7 +36,8 @@ def load_vehicle(
 ) -> Vehicle:
     """The vehicle of an airframe file and a rotor model file (the airframe's own if not given).
 
-    Raises InputError naming the file and the key, also for rotors that do not lift.
+    Raises InputError naming the file and the key, also for rotors that do not lift, that turn by themselves,
+    or that lack an axis.
 
     >>> from coaxlink.files import example
     >>> load_vehicle(example("x8_paper.toml"))
@@ -43,7 +48,9 @@ def load_vehicle(
     if path is None:
         raise InputError(airframe, "rotor_model", "names no rotor model, and no other is given (rotor)")
     model = load_rotors(path)
-    refuse_no_lift(model, path)
+    if lost := ", ".join(frame.lost_axes()):
+        problem = f"these rotors cannot make {lost}, whatever their thrusts"
+        raise InputError(airframe, "rotors", f"{problem}: are their positions (metres) and spins right?")
     if (top := model.identified.get("throttle_to")) is not None:
         problem = (
             f"throttles went to {top:.2f}, and rpm do not tell what they are at 1: commands mean nothing"
@@ -62,6 +69,7 @@ def load_rotors(path: Path) -> RotorModel:
     one of ours is, and so is a number that the effect does not have: both would be left out in silence.
     """
     model = load_rotor_model(path)
+    refuse_no_rotor(model, path)
     for count, named in enumerate(model.effects, start=1):
         if meant := misspelt(named.name, [e.name for e in effects()]):
             raise InputError(path, f"effects[{count}].name", f"{named.name}: unknown; {meant}?")
@@ -72,8 +80,8 @@ def load_rotors(path: Path) -> RotorModel:
     return model
 
 
-def refuse_no_lift(model: RotorModel, path: Path) -> None:
-    """Raise InputError when a lone upper rotor, or a pair, at full speed does not pull upward."""
+def refuse_no_rotor(model: RotorModel, path: Path) -> None:
+    """Raise InputError for what is no rotor: at full speed it lifts, from a third of it a torque turns it."""
     alone = float(model.upper_thrust(1.0, 0.0))
     if not alone > 0.0:
         problem = f"an upper rotor at full speed must lift, found {alone:.4g} N"
@@ -82,3 +90,11 @@ def refuse_no_lift(model: RotorModel, path: Path) -> None:
     pair = float(both.upper_thrust + both.lower_thrust)
     if not pair > 0.0:
         raise InputError(path, Load.LOWER_THRUST.key, f"a pair at full speed must lift, found {pair:.4g} N")
+    turned = {"an upper rotor alone": (Load.UPPER_TORQUE, model.upper_torque(DRIVEN, 0.0 * DRIVEN))}
+    if model.lower_thrust.coefficients:
+        turned["a lower rotor as fast as the upper"] = Load.LOWER_TORQUE, model.lower_torque(DRIVEN, DRIVEN)
+    for who, (load, torque) in turned.items():
+        if not (torque > 0.0).all():
+            worst = int(np.argmin(torque))
+            found = f"found {torque[worst]:.4g} N m at u = {DRIVEN[worst]:.2f}"
+            raise InputError(path, load.key, f"{who} takes more than 0 N m to turn, {found}")

@@ -28,6 +28,7 @@ def scaled(factor):
 
 MISTAKES = (
     (scaled(1000.0), "airframe.units"),
+    (scaled(0.0), "airframe.authority airframe.units airframe.pair-height"),
     (scaled(0.01), "airframe.units"),
     (replace(X8, mass_kg=20000.0), "airframe.mass"),
     (replace(X8, mass_kg=0.02), "airframe.mass"),
