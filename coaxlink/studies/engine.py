@@ -101,7 +101,7 @@ def run(
 def _pool(machine: Machine) -> Iterator[_Pool]:
     if machine.scheduler is None:
         for name in ONE_THREAD:  # a process each: further threads would only wait for each other
-            os.environ.setdefault(name, "1")
+            os.environ[name] = "1"
         executor = ProcessPoolExecutor(machine.here, multiprocessing.get_context("spawn"), _ignore_interrupt)
         try:
             yield _Pool(executor.submit, partial(wait, return_when="FIRST_COMPLETED"), machine.here)
