@@ -16,15 +16,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink import files
 from coaxlink.constants import RAD_S_PER_RPM, STANDARD_DENSITY_KG_M3
-from coaxlink.data.aliases import OWN_COLUMNS, words_of
+from coaxlink.data.aliases import OWN_COLUMNS, PAIR, QUANTITIES, words_of
+from coaxlink.data.averaging import conditions
+from coaxlink.data.lines import read_lines
 from coaxlink.data.samples import Samples
 from coaxlink.data.stand import read_stand_log
-from coaxlink.data.table import is_spreadsheet, read_headings
+from coaxlink.data.table import is_spreadsheet, read_headings, read_table
+from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
 
 Array = NDArray[np.float64]
+_LOADS = tuple(QUANTITIES[q].suffix for q in ("thrust", "torque"))
 DENSITY_KG_M3 = STANDARD_DENSITY_KG_M3  # what tables without a density mean
 FEWEST = 4  # rows: a level, a slope over the speed, and something left over
 ONE_PROPELLER = 0.15  # scatter of thrust over speed squared: Reynolds' number alone gives less over a sheet
@@ -32,6 +35,8 @@ SAME_ROW = 0.30  # of thrust over speed squared, between a row at speed and the 
 # T^1.5 / sqrt(2 rho A) over the shaft's power, in hover: Deters, Ananda and Selig 2014 have 0.3 to 0.75
 MERIT, MOTOR = (0.2, 0.9), 0.5  # a motor with its ESC gives at least half of what it takes, at speed
 READS = 0.01  # of the largest thrust and power: what a cell is off by
+APC_HEAD = 200  # lines in which the first block of an APC file stands
+_BLOCK = re.compile(r"PROP RPM\s*=\s*(\S+)")
 STANDS_STILL = 0.05  # of the fastest: a row in which the propeller does not turn
 
 
@@ -88,13 +93,12 @@ def read_single_table(
     """
     path = Path(path)
     if columns_map is None and not is_spreadsheet(path):
-        head = files.read_text(path)[:20_000]
-        first = next((line.casefold().split() for line in head.splitlines() if line.strip()), [])
-        if re.search(r"PROP RPM\s*=", head):
+        if any(_BLOCK.search(line) for _, line in next(read_lines(path))[:APC_HEAD]):
             return _checked(_apc(path, diameter_m), diameter_m)
-        if {"rpm", "ct", "cp"} <= set(first):
+        names = {heading.casefold() for heading in read_headings(path)}
+        if {"rpm", "ct", "cp"} <= names:
             return _checked(_uiuc(path, diameter_m), diameter_m)
-        if {"j", "ct", "cp"} <= set(first):
+        if {"j", "ct", "cp"} <= names:
             raise InputError(path, "line 1", "static data (RPM CT CP) are expected, found a table over J")
     log = read_stand_log(
         path, columns_map, poles=poles, diameter_m=diameter_m, sheet=sheet, trust_units=trust_units
@@ -112,10 +116,14 @@ def _of_log(log: Samples, origin: Origin) -> SingleTable:
         raise InputError(
             log.source, "", "a table of one rotor is expected, found two that turn: identify LOG"
         )
+    if not log.has("upper_thrust_N"):  # one cell under the pair, of which the upper one alone turns
+        own = {f"upper_{s}": log[f"{PAIR}_{s}"] for s in _LOADS if log.has(f"{PAIR}_{s}")}
+        log = log.with_columns(**{n: x * (float(np.sign(np.nanmedian(x))) or 1.0) for n, x in own.items()})
     for name, what, example in (("upper_rpm", "rpm", "RPM"), ("upper_thrust_N", "thrust", "Thrust (g)")):
         if not log.has(name):
             problem = f"no column of {what}: a heading such as '{example}' is expected"
             raise InputError(log.source, "", f"{problem} (found {', '.join(log.columns)})")
+    log = conditions(without_tares(log))
     log = log.take(log["upper_rpm"] > 0.1 * log["upper_rpm"].max())  # of a ramp, what is above idling
 
     def column(*names: str) -> Array | None:
@@ -132,15 +140,8 @@ def _of_log(log: Samples, origin: Origin) -> SingleTable:
 
 
 def _uiuc(path: Path, diameter_m: float) -> SingleTable:
-    lines = [(i, line.split()) for i, line in enumerate(files.read_text(path).splitlines(), 1)]
-    (_, names), *lines = [(i, cells) for i, cells in lines if cells]
-    rows = []
-    for number, cells in lines:
-        if len(cells) != len(names):
-            raise InputError(path, f"line {number}", f"{len(names)} columns are expected, found {len(cells)}")
-        rows.append([_number(path, number, cell) for cell in cells])
-    columns = np.array(rows).reshape(-1, len(names)).T
-    values = dict(zip([n.casefold() for n in names], columns, strict=True))
+    table = read_table(path)
+    values = {name.casefold(): table.numbers(i) for i, name in enumerate(table.headings)}
     return _of_coefficients(path, values["rpm"], values["ct"], values["cp"], diameter_m, UIUC)
 
 
@@ -149,8 +150,8 @@ def _apc(path: Path, diameter_m: float) -> SingleTable:
     rows = []
     speed: float | None = None
     names: list[str] = []
-    for number, line in enumerate(files.read_text(path).splitlines(), 1):
-        block = re.search(r"PROP RPM\s*=\s*(\S+)", line)
+    for number, line in (numbered for piece in read_lines(path) for numbered in piece):
+        block = _BLOCK.search(line)
         cells = line.split()
         if block:
             speed, names = _number(path, number, block[1]), []
@@ -177,7 +178,7 @@ def _of_coefficients(
 
 def _number(path: Path, line: int, cell: str) -> float:
     try:
-        value = float(cell)
+        value = float(cell.replace(",", "."))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -22,6 +22,7 @@ from coaxlink.errors import InputError
 from firmware_params import bounded
 
 FIRST = 2 * HEAD  # lines that decide the layout
+SEVERAL = 3  # rows that end at the same cell: a logger's way; fewer are a line that was cut
 ABSURD = 1e20  # in any unit of a log, nanoseconds since 1970 included
 
 
@@ -137,6 +138,7 @@ class _Body:
         self._lines: list[NDArray[np.int64]] = []
         self._odd: dict[int, tuple[int, str]] = {}  # first cell of a column that is no number
         self._filled = np.zeros(self.width, bool)  # columns in which something stands
+        self._short: dict[int, list[int]] = {}  # lines of rows that end early, by their cells
         self._rows = self._repeated = self._comments = 0
 
     def take(self, lines: list[Line]) -> None:
@@ -197,9 +199,11 @@ class _Body:
                     len(shown) > self.width and self.width - 1 in self._odd
                 ):  # commas in a last column of words
                     cells = [*cells[: self.width - 1], self.layout.delimiter.join(shown[self.width - 1 :])]
-                elif len(cells) < self.width or len(shown) > self.width:
-                    found = f"{self.width} columns are expected, found {len(cells)}"
-                    raise InputError(self.path, f"line {number}", found)
+                elif len(shown) > self.width:
+                    raise self._odd_width(number, len(cells))
+                elif len(cells) < self.width:
+                    self._short.setdefault(len(cells), []).append(number)
+                    cells = [*cells, *[""] * (self.width - len(cells))]
             values.append([self._number(self._rows + len(values), i, cells[i]) for i in range(self.width)])
             numbers.append(number)
         if values:
@@ -221,12 +225,18 @@ class _Body:
         self._lines.append(np.array(lines, np.int64))
         self._rows += len(lines)
 
+    def _odd_width(self, line: int, cells: int) -> InputError:
+        return InputError(self.path, f"line {line}", f"{self.width} columns are expected, found {cells}")
+
     def table(self, notes: tuple[str, ...] = ()) -> TextTable:
         """All that was taken. Raises InputError when there is no row."""
         layout = self.layout
         if not self._rows:
             where = f"line {layout.heading_line + 1}"
             raise InputError(self.path, where, "no rows: numbers are expected under the heading line")
+        for cells, cut in self._short.items():
+            if len(cut) < SEVERAL:
+                raise self._odd_width(cut[0], cells)
         columns = tuple(
             Column(np.concatenate([p[i] for p in self._pieces]), self._odd.get(i), not self._filled[i])
             for i in range(self.width)
@@ -234,6 +244,10 @@ class _Body:
         said = [*layout.notes, *notes]
         if self._repeated:
             said.append(f"headings repeated on {self._repeated} further lines, passed over")
+        if self._short:
+            rows, least = sum(map(len, self._short.values())), min(self._short)
+            missing = ", ".join(layout.headings[least:])
+            said.append(f"{rows} rows end before the heading does; empty there: {missing}")
         if self._comments:
             said.append(f"{self._comments} lines of comment passed over")
         if layout.decimal_comma:

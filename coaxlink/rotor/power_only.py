@@ -24,6 +24,8 @@ def with_torque_of_power(samples: Samples) -> Samples:
         if not samples.has(f"{side}_rpm", f"{side}_thrust_N") or samples.has(name):
             continue
         power, rpm = _power(samples, side), samples[f"{side}_rpm"]
+        if not np.any(rpm > 0.0):
+            continue  # it never turned: nobody saw its torque
         if power is None:
             hint = f"missing, and so is what would stand for it: {side}_current_A with a voltage"
             raise InputError(samples.source, f"column {name}", hint)

@@ -41,3 +41,50 @@ def test_rows_that_no_propeller_gives_are_refused_with_their_line(tmp_path: Path
             with case(text):
                 path.write_text(text)
                 assert len(read_single_table(path, DIAMETER_M).rpm) == len(RPM)
+
+
+ROWS = [(n, 7.46e-7 * n**2, 1.479e-8 * n**2) for n in range(2000, 7000, 500)]  # rpm, N, N m of 0.381 m
+STAND = "Time (s),Motor Optical Speed (RPM),Thrust (N),Torque (N\u00b7m),ESC (\u00b5s)\n" + "".join(
+    f"{i},{n},{t:.4f},{q:.5f},{1100 + 50 * i}\n" for i, (n, t, q) in enumerate(ROWS)
+)
+COEFFICIENTS = [(n, 0.104, 0.0340) for n, *_ in ROWS]  # those of ROWS
+UIUC = "# static\u00b0\n  RPM     CT     CP\n" + "".join(f"{n} {t:.4f} {p:.4f}\n" for n, t, p in COEFFICIENTS)
+APC = "  15x5 \u00b0\n" + "".join(
+    f" PROP RPM = {n}\n V J Pe Ct Cp\n (mph) (-) (-) (-) (-)\n 0.0 0.0 0.0 {t} {p}\n 5.0 0.1 0.2 .09 .03\n\n"
+    for n, t, p in COEFFICIENTS
+)
+
+
+def commas(text: str) -> str:
+    """As a spreadsheet of another country writes it."""
+    return text.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le"])
+@pytest.mark.parametrize("text", [STAND, commas(STAND), UIUC, commas(UIUC), APC, commas(APC)])
+def test_tables_are_read_however_their_text_is_written(tmp_path: Path, text: str, encoding: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_bytes(text.encode(encoding))
+    table = read_single_table(path, 0.381)
+    assert table.rpm.tolist() == [n for n, *_ in ROWS]
+    assert table.thrust_N == pytest.approx([t for _, t, _ in ROWS], rel=0.05)
+    assert table.torque_Nm == pytest.approx([q for *_, q in ROWS], rel=0.05)
+
+
+def test_rows_that_end_early_are_read_and_a_row_that_was_cut_is_not(tmp_path: Path) -> None:
+    head, *rows = STAND.splitlines()
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([head + ",TargetRPM,P", *rows[:6], *(row + ",6000,0.1" for row in rows[6:])]))
+    table = read_single_table(path, 0.381)
+    assert len(table.rpm) == len(ROWS)
+    assert "6 rows end before the heading does; empty there: TargetRPM, P" in table.notes
+    path.write_text("\n".join([head, *rows[:5], rows[5][:-8], *rows[6:]]))
+    with pytest.raises(InputError, match="line 7: 5 columns are expected, found 4"):
+        read_single_table(path, 0.381)
+
+
+def test_the_pairs_cell_is_the_upper_rotors_where_the_lower_one_stands(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    head = "Time (ms),Top Motor Speed (rpm),Bottom Motor Speed (rpm),Thrust (N)\n"
+    path.write_text(head + "".join(f"{250 * i},{n},0,{t:.4f}\n" for i, (n, t, _) in enumerate(ROWS)))
+    assert read_single_table(path, 0.381).thrust_N == pytest.approx([t for _, t, _ in ROWS], rel=1e-3)

@@ -192,3 +192,15 @@ def test_what_cannot_be_identified_is_one_line() -> None:
         for beyond in (-1.0, 1e-320, float("nan"), float("inf")):
             with pytest.raises(InputError, match="more than 0"):
                 identify(log, "rcrm", speed_max_rpm=beyond)
+
+
+def test_a_rotor_that_never_turned_gets_no_torque_of_its_idle_current() -> None:
+    rpm = np.linspace(2000.0, 6000.0, 30)
+    thrust, watts = 7.46e-7 * rpm**2, 1.479e-8 * rpm**3 * np.pi / 30 / 0.8
+    columns = {"upper_rpm": rpm, "lower_rpm": 0 * rpm, "pair_thrust_N": thrust, "voltage_V": 22.0 + 0 * rpm}
+    amps = {"upper_current_A": watts / 22.0, "lower_current_A": 0.02 + 0 * rpm}
+    found = identify(Samples(columns | amps, "jig"), "auto")
+    assert (
+        set(found.fits) == {"upper.thrust_N", "upper.torque_Nm"}
+        and not found.model.terms()["lower.torque_Nm"]
+    )
