@@ -17,6 +17,7 @@ Everything loads when it is first used. Errors are `cx.CoaxlinkError` and its ki
 
 from __future__ import annotations
 
+from coaxlink import notebook
 from coaxlink._version import __version__
 
 TYPE_CHECKING = False  # typing's own takes longer to load than all of this
@@ -72,6 +73,15 @@ __all__ = [
     "save_rotor_model",
     "upload",
 ]
+
+
+def _with_picture(thing: Any) -> str:
+    from coaxlink.report.notebook import html_of  # only who looks at a result waits for the pictures
+
+    return html_of(thing)
+
+
+notebook.register(_with_picture)
 
 
 def __getattr__(name: str) -> Any:
