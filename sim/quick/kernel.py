@@ -164,9 +164,7 @@ def fly(turns, body, rows, senses, loops, mix, kept):
         steer(goal, reading, loops.gains, loops.memory, dt, demand)
         thrust = demand[D_THRUST]
         if mix.address == 0:
-            px4_command(
-                mix.columns, mix.curve, demand[0], demand[1], demand[2], thrust, mix.scratch, command
-            )
+            px4_command(mix.columns, mix.curve, demand[0], demand[1], demand[2], thrust, mix.scratch, command)
         else:
             call_law(mix.address, mix.book, demand, command)
         for i in range(n):  # a PWM output has a thousand steps
