@@ -13,7 +13,8 @@ from coaxlink.cli import build_app
 from coaxlink.fly import commands, flight
 from coaxlink.rotor import load_rotor_model
 
-FOLLOWED = ("tutorial.md", "stand.md", "airframe.md", *sorted(f"howto/{p.name}" for p in (DOCS / "howto").glob("*.md")))
+HOW_TO = sorted(f"howto/{p.name}" for p in (DOCS / "howto").glob("*.md"))
+FOLLOWED = ("tutorial.md", "stand.md", "airframe.md", *HOW_TO)
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md"))]
 STAND = DOCS / "stand.md"
 MAX_RPM = 5500.0
