@@ -758,7 +758,7 @@ def stand_at(p, s, which):
 
 
 def known(p, s):
-    """Whether the last look all round was made so near that it still holds: what was missed there is missed here."""
+    """Whether the last look all round was so near that it still holds: what it missed is missed here."""
     distance, same = 0.0, True
     for j in range(4):
         distance += abs(s.mu[j] - s.looked[j])
