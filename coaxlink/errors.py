@@ -42,6 +42,12 @@ class InputError(CoaxlinkError):
         self.source, self.where, self.problem = str(source), where, problem
         prefix = f"{self.source}: {where}" if where else self.source
         super().__init__(f"{prefix}: {problem}")
+        self.map = ""
+
+    def with_map(self, text: str) -> InputError:
+        """The same error with a map of the columns, which a verb prints for copying."""
+        self.map = self.map or text
+        return self
 
 
 class LinkError(CoaxlinkError):

@@ -133,7 +133,7 @@ def identify(
         return
     for samples in read:
         for doubt in doubts(samples, upper):
-            say(f"- {doubt}")
+            say(f"! {doubt}")
     results = [run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options) for samples in read]
     checks = [check_log(result, diameter) for result in results]
     for result, checked in zip(results, checks, strict=True):

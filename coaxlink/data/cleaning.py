@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from coaxlink.data.aliases import SIDES
@@ -18,7 +20,7 @@ def drive_of(samples: Samples, side: str) -> str | None:
 
 def cleaned(samples: Samples) -> Samples:
     """Without dead speed sensors, tares and rows at rest, thrusts and torques positive."""
-    return _positive(_turning(without_tares(_without_dead_sensors(samples))))
+    return positive(_turning(without_tares(_without_dead_sensors(samples))))
 
 
 def _without_dead_sensors(samples: Samples) -> Samples:
@@ -51,11 +53,11 @@ def _turning(samples: Samples) -> Samples:
     return samples.take(on_the_move).with_notes(note)
 
 
-def _positive(samples: Samples) -> Samples:
+def positive(samples: Samples, loads: Sequence[str] = ("thrust_N", "torque_Nm")) -> Samples:
     """Thrusts and torques positive while their rotor works: stands differ in the sign they give."""
     for side in SIDES:
         effort = drive_of(samples, side)
-        for name in (f"{side}_thrust_N", f"{side}_torque_Nm"):
+        for name in (f"{side}_{load}" for load in loads):
             if effort is not None and samples.has(name) and own_sign(samples, name, effort) < 0:
                 samples = samples.with_columns(**{name: -samples[name]})
                 samples = samples.with_notes(f"sign of {name} turned")

@@ -72,13 +72,32 @@ def recognised(table: TextTable, skip: Iterable[int] = ()) -> list[Heading]:
 
 def line_for(name: str, heading: str, unit: str) -> str:
     """The line of a map that states a unit."""
-    quoted = heading.replace("\\", "\\\\").replace('"', '\\"')
-    return f'{name} = {{ column = "{quoted}", unit = "{unit}" }}'
+    return f'{name} = {{ column = "{_quoted(heading)}", unit = "{unit}" }}'
+
+
+def plain_line(name: str, heading: str) -> str:
+    """The line of a map that takes a column as its heading says."""
+    return f'{name} = {{ column = "{_quoted(heading)}" }}'
+
+
+def scale_line(name: str, heading: str, scale: float) -> str:
+    """The line of a map that states a scale."""
+    return f'{name} = {{ column = "{_quoted(heading)}", scale = {scale:.6g} }}'
+
+
+def _quoted(heading: str) -> str:
+    return heading.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def is_derived(text: str) -> bool:
     """Whether the column is computed from others of its row (totals, efficiencies), or of no rotor."""
     return bool(aliases.DERIVED & set(words_of(text)))
+
+
+def rotor_and_unit(text: str, unit_line: str = "") -> tuple[str, str]:
+    """The rotor that a heading names and the unit that it writes, "" where there is none."""
+    name, written = _without_unit(text)
+    return _label(words_of(name), lettered=True), unit_line or written
 
 
 def letters_name_rotors(headings: Iterable[str]) -> bool:

@@ -39,6 +39,7 @@ class Samples:
     resolution: Mapping[str, float] = field(default_factory=dict)
     premises: tuple[str, ...] = ()  # keys of PREMISES
     motors: tuple[int, ...] = ()  # that the vehicle has by its own word; () where the log does not say
+    map_hint: str = ""  # a map of the columns (`data.suggested_map`), for who lacks one
     parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot, where they are logged
 
     def __post_init__(self) -> None:
@@ -69,7 +70,8 @@ class Samples:
                     problem = "both rotors together: identify says what that tells, and which run is missing"
                     raise InputError(self.source, f"column {name}", problem)
                 found = ", ".join(self.columns) or "none"
-                raise InputError(self.source, f"column {name}", f"missing (columns found: {found})")
+                lacking = InputError(self.source, f"column {name}", f"missing (columns found: {found})")
+                raise lacking.with_map(self.map_hint)
 
     def take(self, index: ArrayLike) -> Samples:
         """The rows of a boolean mask (rows,) or of an index array, in that order."""

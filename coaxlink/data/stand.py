@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from coaxlink.data.aliases import OF_A_ROTOR, OWN_COLUMNS, PAIR, QUANTITIES, SIDES, words_of
 from coaxlink.data.averaging import thinned
-from coaxlink.data.cleaning import drive_of, without_repeats
+from coaxlink.data.cleaning import drive_of, positive, without_repeats
 from coaxlink.data.columns_map import FORM, map_columns
 from coaxlink.data.headings import Heading, is_derived
 from coaxlink.data.lines import Progress
 from coaxlink.data.rotors import find_rotors
 from coaxlink.data.samples import Samples
-from coaxlink.data.sides import exchanged_as_stated, with_sides
+from coaxlink.data.sides import RotorsUnclear, exchanged_as_stated, with_sides
+from coaxlink.data.suggested_map import suggested_map
 from coaxlink.data.table import TextTable, read_table
-from coaxlink.data.unit_check import SHAFT, check_signs, check_units, refuse_sums
+from coaxlink.data.unit_check import SHAFT, UnitsUnclear, check_signs, check_units, refuse_sums
 from coaxlink.errors import InputError
 
 _OURS_OF_A_ROTOR = {f"{side}_{QUANTITIES[q].suffix}" for side in (*SIDES, PAIR) for q in OF_A_ROTOR}
@@ -53,6 +54,26 @@ def read_stand_log(
     the upper one.
     """
     table = read_table(Path(path), progress, sheet)
+    try:
+        return _read(table, str(path), columns_map, upper, poles, diameter_m, trust_units)
+    except UnitsUnclear as error:
+        known = error.upper or upper or ""
+        raise error.with_map(suggested_map(table, known, error.scales) if error.scales else "") from None
+    except InputError as error:
+        headings = re.match(rf"line {table.heading_line}\b", error.where) or isinstance(error, RotorsUnclear)
+        shown = headings and columns_map is None
+        raise error.with_map(suggested_map(table, upper or "") if shown else "") from None
+
+
+def _read(
+    table: TextTable,
+    path: str,
+    columns_map: Path | None,
+    upper: str | None,
+    poles: int | None,
+    diameter_m: float | None,
+    trust_units: bool,
+) -> Samples:
     mapped = map_columns(table, columns_map, poles) if columns_map else None
     columns = dict(mapped.columns) if mapped else {}
     used = set(mapped.used) if mapped else set()
@@ -70,7 +91,10 @@ def read_stand_log(
     elif mapped is None:
         columns |= _ours_in_other_units(table, used, columns, notes, poles)
     context = _context(table, used, notes, mapped is not None)
-    samples = Samples({**columns, **context}, str(path), tuple(notes), table.lines)
+    hint = suggested_map(table, upper or "") if found is not None and mapped is None else ""
+    samples = Samples({**columns, **context}, path, tuple(notes), table.lines, map_hint=hint)
+    if mapped is not None:
+        samples = positive(samples, ("torque_Nm",))  # which way a cell counts, a map need not say
     headings: dict[str, Heading] = {}
     if found is not None:
         samples, sides = with_sides(samples, found.rotors, upper)

@@ -1,6 +1,6 @@
-"""Whether a log's numbers can be a propeller's in the units they are taken in; if not, in which they could.
+"""Whether a log's numbers can be a propeller's in the units they are taken in.
 
-Nothing is changed here: a log that no propeller gives is refused, with the line that states the right unit.
+Nothing is changed here: a log that no propeller gives is refused, with what to look at (`stand_questions`).
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import numpy as np
 
 from coaxlink.data.aliases import LOADS_AND_SPEED, PAIR, QUANTITIES, SIDES, Unit
 from coaxlink.data.cleaning import drive_of, own_sign
-from coaxlink.data.headings import Heading, line_for
+from coaxlink.data.headings import Heading
 from coaxlink.data.propeller import Reading, diameters, possible, readings_of
 from coaxlink.data.samples import Samples
+from coaxlink.data.stand_questions import USUAL_POLES, factors, questions
 from coaxlink.errors import InputError
 
 SHAFT = "shaft_power_W"  # a rotor's column that serves to check units and is no part of a log
@@ -22,9 +23,16 @@ FOLLOWS = 2.0  # times the squares left over
 BOTH = 0.2  # of what goes with its own speed: half of the least that a lower rotor in a wake gives
 UNEXPLAINED = 0.5  # of a load's squares by its own rotor's speed
 POLES = (12, 14, 20, 24, 28, 36, 40)  # magnets of motors that carry propellers
-USUAL_POLES = 14
 # what a heading is likeliest to mean when it does not mean SI
 _COMMON = {"thrust": ("gf", "kgf", "lbf", "ozf"), "torque": ("N cm", "kgf cm", "lbf in", "ozf in", "lbf ft")}
+
+
+class UnitsUnclear(InputError):
+    """Readings that no propeller gives; `scales` of our columns would mend it, `upper` is the upper label."""
+
+    def __init__(self, samples: Samples, where: str, problem: str, scales: Mapping[str, float]) -> None:
+        self.scales, self.upper = scales, samples.upper_label
+        super().__init__(samples.source, where, problem)
 
 
 def readings(samples: Samples) -> dict[str, Reading]:
@@ -125,7 +133,7 @@ def check_units(
     diameter_m: float | None = None,
     stated: frozenset[str] = frozenset(),
 ) -> None:
-    """Raises InputError when no pair of propellers gives these readings, naming the column and what to write.
+    """Raises InputError when no pair of propellers gives these readings, with what to look at first.
 
     `headings`: by names of ours what a column came from, where it is not our own; `stated`: names of ours
     whose unit somebody stated, which are not suspected.
@@ -138,22 +146,18 @@ def check_units(
     ]
     if not suspects:
         return
-    better = [b for b in _better(found, headings, diameter_m) if b[0] not in stated]
-    name, unit = better[0][:2] if better else (suspects[0], _unit_of(suspects[0], headings))
+    asked = next(questions(samples, found, diameter_m, stated), None)
+    shown = _shown(found, diameter_m)
+    name = suspects[0] if asked is None else asked.column
     text = headings[name].text if name in headings else name
-    shown, line = _shown(found, diameter_m), line_for(name, text, unit)
-    if not better:
-        problem = f"no single unit mends it: state the units in a map (`columns`), as in {line}"
+    if asked is not None:
+        ask = asked.text
+    elif fits := ", or ".join(factors(found, diameter_m)):
+        ask = f"is one scaled otherwise than its heading says? A propeller's would be {fits}"
     else:
-        by_quantity: dict[str, list[str]] = {}
-        for _, other, what in better:
-            by_quantity.setdefault(what, []).append(
-                "electrical turns (`poles`)" if other == "erpm" else other
-            )
-        first, *more = (f"{what} in {_listed(units)}" for what, units in by_quantity.items())
-        others = f", or {', or '.join(more)}" if more else ""
-        problem = f"{first} would be{others}: state it in a map (`columns`), {line}"
-    raise InputError(samples.source, f"column {text!r}", f"{shown}; {problem}, or `trust_units`")
+        ask = "no single quantity times any number is a propeller's: are these columns of one rotor?"
+    problem = f"{shown}; {ask} (`trust_units` takes them as they stand)"
+    raise UnitsUnclear(samples, f"column {text!r}", problem, asked.scales if asked else {})
 
 
 def _name(side: str, quantity: str) -> str:
@@ -203,11 +207,6 @@ def other_units(samples: Samples, diameter_m: float | None = None) -> str:
     return ", or with ".join(fitting)
 
 
-def _unit_of(name: str, headings: Mapping[str, Heading]) -> str:
-    unit = headings[name].unit if name in headings else None
-    return unit.name if unit else {"N": "N", "Nm": "N m"}.get(name.rpartition("_")[2], "rpm")
-
-
 def _shown(found: Mapping[str, Reading], diameter_m: float | None) -> str:
     """Of the first rotor that no propeller is, or of the first where they are but no pair."""
     side, reading = next(
@@ -225,21 +224,6 @@ def _shown(found: Mapping[str, Reading], diameter_m: float | None) -> str:
     fault = reading.shaft_fault()
     why = f": torque times speed is {100 * fault[0]:.3g} % of the {fault[1]} power" if fault else ""
     return f"no propeller{size} reads {', '.join(parts)} together ({side} rotor){why}"
-
-
-def _better(
-    found: Mapping[str, Reading], headings: Mapping[str, Heading], diameter_m: float | None
-) -> Iterator[tuple[str, str, str]]:
-    """(our name, unit, whose in words) of single columns, or one quantity of both rotors, that mend it."""
-    for sides in (tuple(found), *((s,) for s in found if len(found) > 1)):
-        whose = f" of the {sides[0]} rotor" if len(sides) < len(found) else ""
-        for quantity in LOADS_AND_SPEED:
-            first = _name(sides[0], quantity)
-            taken = headings[first].unit if first in headings else None
-            for word, factor in _other_units(quantity, taken):
-                scaled = {s: r.scaled(**{quantity: factor}) if s in sides else r for s, r in found.items()}
-                if possible(scaled, diameter_m):
-                    yield first, word, f"the {quantity}{whose}"
 
 
 def _other_units(quantity: str, taken: Unit | None) -> Iterator[tuple[str, float]]:

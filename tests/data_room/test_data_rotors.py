@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -108,7 +109,8 @@ def test_a_weaker_upper_propeller_is_not_taken_for_the_lower_one(tmp_path: Path)
         assert read_stand_log(put(tmp_path, columns_of(weak, quantities=LOADS))).upper_label == "A"
 
 
-def test_a_unit_that_no_propeller_has_is_refused_with_the_one_that_fits(tmp_path: Path) -> None:
+def test_what_no_propeller_reads_is_refused_and_no_unit_is_put_against_a_heading(tmp_path: Path) -> None:
+    """What would fit is a factor: a unit against the heading was followed in silence, whatever was wrong."""
     with case_table() as case:
         for quantity, unit in (
             ("thrust", "kgf"),
@@ -119,18 +121,62 @@ def test_a_unit_that_no_propeller_has_is_refused_with_the_one_that_fits(tmp_path
             ("speed", "rev/s"),
         ):
             for sides in (SIDES, SIDES[:1]):
-                names = [f"{side}_{quantity}" for side in sides]
-                given = TRUE | {n: TRUE[n] * UNITS[quantity][unit] for n in names}
+                factor = UNITS[quantity][unit]
+                given = TRUE | {f"{side}_{quantity}": TRUE[f"{side}_{quantity}"] * factor for side in sides}
                 path = put(tmp_path, columns_of(given, quantities=LOADS))
-                refused = pytest.raises(InputError, match=f"no propeller.* {unit}.*`columns`")
-                with case(f"{names} in {unit}"), refused:
+                refused = pytest.raises(InputError, match="no propeller")
+                with case(f"{quantity} of {sides} in {unit}"), refused as caught:
                     read_stand_log(path, upper="A", trust_units=False, diameter_m=0.4)
+                said, whose = str(caught.value), "" if sides == SIDES else " of the upper rotor"
+                assert "unit =" not in said and "as they stand" in said
+                fits = re.search(rf"the {quantity}{whose} times ([-+.e0-9]+) to ([-+.e0-9]+)", said)
+                assert fits is not None, said
+                assert 0.9 * float(fits[1]) <= 1 / factor <= 1.1 * float(fits[2])
 
 
-def test_units_of_other_quantities_and_of_the_refused_column_are_named(tmp_path: Path) -> None:
-    given = TRUE | {f"{s}_thrust": TRUE[f"{s}_thrust"] / 9.80665 for s in SIDES}
-    with pytest.raises(InputError, match=r"the thrust in kgf or lbf would be, or the torque in kgf cm"):
-        read_stand_log(put(tmp_path, columns_of(given, "words", LOADS)), trust_units=False)
+def test_a_stand_is_asked_about_before_its_units(tmp_path: Path) -> None:
+    powers = ("speed", "thrust", "torque", "current", "voltage")
+    noise = 1e-4 * np.random.default_rng(1).standard_normal(len(TRUE["upper_speed"]))
+    for changed, asked in (
+        ({f"{s}_speed": 0.002 * TRUE[f"{s}_speed"] for s in SIDES}, "did the upper rotor turn?"),
+        ({"upper_thrust": 0.02 + noise}, "is the cell dead"),
+        ({f"{s}_speed": 2.0 * TRUE[f"{s}_speed"] for s in SIDES}, "is the speed counted twice"),
+        ({"lower_speed": 2.0 * TRUE["lower_speed"]}, "is the lower rotor's speed counted twice"),
+    ):
+        path = put(tmp_path, columns_of(TRUE | changed, "words", powers))
+        with pytest.raises(InputError, match=re.escape(asked)) as caught:
+            read_stand_log(path, trust_units=False)
+        assert "unit" not in str(caught.value).replace("trust_units", "")
+        if "twice" in asked:  # the map that it carries mends it
+            (tmp_path / "map.toml").write_text(caught.value.map)
+            log = read_stand_log(path, tmp_path / "map.toml", trust_units=False)
+            assert wrong(log, TRUE) == []
+
+
+def test_a_refusal_for_headings_carries_a_map_that_can_be_pasted(tmp_path: Path) -> None:
+    columns = {"t [s]": np.arange(float(len(TRUE["upper_speed"])))}
+    for letter, side, sign in (("A", "upper", 1), ("B", "lower", -1)):
+        columns[f"n_{letter}"] = TRUE[f"{side}_speed"]
+        columns[f"LC_{letter} [gf]"] = TRUE[f"{side}_thrust"] / 9.80665e-3
+        columns[f"Mz_{letter} [N\u00b7cm]"] = sign * 100 * TRUE[f"{side}_torque"]
+    path = put(tmp_path, columns)
+    with pytest.raises(InputError, match="unit of a speed expected") as caught:
+        read_stand_log(path, trust_units=False)
+    said = caught.value.map
+    assert "\n" not in str(caught.value)
+    assert 'upper_thrust_N = { column = "LC_A [gf]", unit = "gf" }' in said.splitlines()
+    assert "# A is taken for the upper rotor" in said and "make sure of upper_rpm" in said
+    (tmp_path / "map.toml").write_text(said)
+    log = read_stand_log(path, tmp_path / "map.toml", trust_units=False)
+    assert wrong(log, TRUE) == [] and "sign of lower_torque_Nm turned" in log.notes
+    cells = {heading: values for heading, values in columns.items() if heading.startswith("LC")}
+    path = put(tmp_path, columns_of(TRUE, quantities=("speed", "torque")) | cells)
+    with pytest.raises(InputError, match="column upper_thrust_N: missing") as caught:
+        read_stand_log(path, upper="B", trust_units=False).require("upper_thrust_N")
+    assert 'upper_thrust_N = { column = "LC_B [gf]", unit = "gf" }' in caught.value.map
+
+
+def test_a_torque_in_no_unit_of_a_torque_is_named_with_the_line_that_mends_it(tmp_path: Path) -> None:
     columns = columns_of(TRUE, "words", ("speed", "thrust"))
     columns |= {f"{s} torque (kgf)": TRUE[f"{s}_torque"] for s in SIDES}
     with pytest.raises(InputError, match=r"upper_torque_Nm = .* unit = \"N m\""):
@@ -187,7 +233,7 @@ def test_a_log_without_speeds_says_which_units_fit_as_well(tmp_path: Path) -> No
     columns |= {f"{s} throttle": TRUE[f"{s}_speed"] / TRUE[f"{s}_speed"].max() for s in SIDES}
     path = put(tmp_path, columns)
     assert "thrust in kgf" in other_units(read_stand_log(path, trust_units=False))
-    with pytest.raises(InputError, match="kgf"):
+    with pytest.raises(InputError, match="the thrust times"):
         read_stand_log(path, trust_units=False, diameter_m=0.4)
 
 

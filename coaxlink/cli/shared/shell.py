@@ -97,6 +97,9 @@ def _run(app: typer.Typer, arguments: Sequence[str]) -> int:
         outcome = command.main(args=list(arguments), prog_name="coaxlink", standalone_mode=False)
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
+        if text := getattr(error, "map", ""):
+            head = "# the columns as they are understood: mend it, and give it as --columns"
+            console().print(f"{head}\n{text}", markup=False, highlight=False, soft_wrap=True)
         return error.exit_code
     except (typer.Abort, KeyboardInterrupt):  # Ctrl-C at a question, or before the verb is there
         return interrupted()

@@ -107,7 +107,10 @@ def refuse_flight_log(path: Path) -> None:
 
 
 def doubts(log: Samples, upper: str | None) -> list[str]:
-    """What the data say against the sides, where somebody stated them. Raises InputError where nobody did."""
+    """What the data say against the sides that somebody stated and, asked at a terminal, stays with.
+
+    Raises InputError where nobody did, or who is asked does not.
+    """
     from coaxlink.data.sides import exchanged
     from coaxlink.errors import InputError
 
@@ -118,10 +121,14 @@ def doubts(log: Samples, upper: str | None) -> list[str]:
         raise InputError(
             log.source,
             "columns",
-            f"upper and lower look exchanged, or one in another unit: {'; '.join(evidence)}; --upper lower "
+            f"upper and lower look exchanged, or the pair blows up: {'; '.join(evidence)}; --upper lower "
             "exchanges them, --upper upper takes them as they stand",
         )
-    return [f"against --upper {upper}: {'; '.join(evidence)}"]
+    doubt = f"against --upper {upper}: {'; '.join(evidence)}; is it the other label, or does the pair blow "
+    doubt += "upwards? Upper is the rotor that the air meets first"
+    if at_a_terminal() and not typer.confirm(f"{doubt}. Take {upper} all the same?", err=True):
+        raise InputError("--upper", "", f"not {upper}: the other label is expected")
+    return [doubt]
 
 
 def _relabelled(path: Path, log: Samples, how: StandOptions, progress: Callable[[str], None]) -> Samples:
