@@ -7,7 +7,7 @@ from typing import Any
 
 from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.terminal import table
-from coaxlink.residual.result import HIDDEN, Ambiguous, FoundEffect, ParameterValue, Refinement
+from coaxlink.residual.result import HIDDEN, Ambiguous, ChannelError, FoundEffect, ParameterValue, Refinement
 
 DIGITS = 3
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
@@ -72,10 +72,16 @@ def _most(result: Refinement) -> str:
         return said
     name = min(drops, key=lambda n: drops[n])
     c = result.channels[name]
-    return (
-        f"; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
-        f"{number(c.rmse_after)} {c.unit} (noise alone: {number(c.noise_floor)}){said}"
-    )
+    return f"; the error of the {channel_words(name)} falls from {_fall(c)}{said}"
+
+
+def _fall(c: ChannelError) -> str:
+    """From what to what; small corrections, as of a centre of mass, may take most of a fault: both are said."""
+    start, aside = number(c.rmse_before), f"noise alone: {number(c.noise_floor)}"
+    if c.rmse_as_given > c.ci_before[1]:
+        start = number(c.rmse_as_given)
+        aside += f"; {number(c.rmse_before)} with small corrections in place of the effect"
+    return f"{start} to {number(c.rmse_after)} {c.unit} ({aside})"
 
 
 def _chance(probability: float) -> str:
@@ -170,13 +176,13 @@ def _errors(result: Refinement) -> Any:
     held_out = next((c.held_out_rows for c in result.channels.values()), 0)
     rows = [
         (
-            name, c.unit, _with_interval(c.rmse_before, c.ci_before),
+            name, c.unit, number(c.rmse_as_given), _with_interval(c.rmse_before, c.ci_before),
             _with_interval(c.rmse_after, c.ci_after), number(c.noise_floor),
         )
         for name, c in result.channels.items()
     ]  # fmt: skip
     title = f"residual: RMS and 95 % interval on {held_out} held-out rows"
-    return table(title, ("channel", "unit", "before", "after", "floor"), rows, left=2)
+    return table(title, ("channel", "unit", "as given", "corrected", "with effects", "floor"), rows, left=2)
 
 
 def _effects(result: Refinement) -> Any:
