@@ -72,13 +72,14 @@ def _most(result: Refinement) -> str:
         return said
     name = min(drops, key=lambda n: drops[n])
     c = result.channels[name]
-    return f"; the error of the {channel_words(name)} falls from {_fall(c)}{said}"
+    return f"; the error of the {channel_words(name)} falls from {fall(c)}{said}"
 
 
-def _fall(c: ChannelError) -> str:
-    """From what to what; small corrections, as of a centre of mass, may take most of a fault: both are said."""
+def fall(c: ChannelError) -> str:
+    """From what to what. Small corrections, as of a centre of mass, may take most of a fault: both stand."""
     start, aside = number(c.rmse_before), f"noise alone: {number(c.noise_floor)}"
-    if c.rmse_as_given > c.ci_before[1]:
+    given, before, after = (e**2 for e in (c.rmse_as_given, c.rmse_before, c.rmse_after))
+    if given - before > before - after:  # they take more than the effect adds
         start = number(c.rmse_as_given)
         aside += f"; {number(c.rmse_before)} with small corrections in place of the effect"
     return f"{start} to {number(c.rmse_after)} {c.unit} ({aside})"
