@@ -154,7 +154,8 @@ def figure(health: Health, stamp: str = "") -> Any:
     columns = min(2, len(rotors))
     rows = -(-len(rotors) // columns)
     drawing = new_figure(1.9 * rows + 1.2)
-    drawing.suptitle(label("\n".join(textwrap.wrap(verdict_line(health).split(";")[0], 70))), fontsize=SIZE)
+    lines = textwrap.wrap(verdict_line(health).split(";")[0], 70)
+    drawing.suptitle("\n".join(map(label, lines)), fontsize=SIZE)
     axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     numbers = list(range(1, len(health.flights) + 1))
     for i, rotor in enumerate(rotors):
@@ -169,11 +170,12 @@ def figure(health: Health, stamp: str = "") -> Any:
         axis.set_title(f"rotor {rotor.rotor}{pair}")
         axis.set_xticks(numbers)
         axis.set_xlim(0.5, len(numbers) + 0.5)
+        if i < columns:  # both of the first row, so that their titles stand level
+            axis.legend()
         plain_axis(axis)
     for axis in list(axes.ravel())[len(rotors) :]:
         axis.set_visible(False)
     for axis in axes[(len(rotors) - 1) // columns]:
         axis.set_xlabel("flight", fontsize=SIZE)
-    axes[0][0].legend(loc="lower left", ncols=2, frameon=False, fontsize=SIZE - 1)
     drawing.supylabel("share of the model's load", fontsize=SIZE)
     return stamped(drawing, stamp)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from coaxlink.report.pictures.label import channel_words
@@ -10,6 +11,7 @@ from coaxlink.report.terminal import table
 from coaxlink.residual.result import HIDDEN, Ambiguous, ChannelError, FoundEffect, ParameterValue, Refinement
 
 DIGITS = 3
+SHORT_M = 0.3  # below it a ruler, and a reader, counts in millimetres
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
 
 
@@ -93,9 +95,18 @@ def named(effect: FoundEffect) -> str:
     """An effect with its rotor and its first numbers; a switch has no interval, and is no number."""
     determined = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
     shown = [
-        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in determined[:2]
+        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+        for p in map(in_mm, determined[:2])
     ]
     return effect.name + (f" ({', '.join(shown)})" if shown else "")
+
+
+def in_mm(p: ParameterValue) -> ParameterValue:
+    """A short length in millimetres, as a ruler has it."""
+    if p.unit != "m" or max(map(abs, (p.value, *p.ci))) >= SHORT_M:
+        return p
+    low, high = (1e3 * end for end in p.ci)
+    return replace(p, name=f"{p.name.removesuffix('_m')}_mm", value=1e3 * p.value, ci=(low, high), unit="mm")
 
 
 def _words(parameter: ParameterValue) -> str:
@@ -193,6 +204,6 @@ def _effects(result: Refinement) -> Any:
             "" if p.unit == "1" else p.unit,
         )
         for e in result.effects
-        for i, p in enumerate(e.parameters)
+        for i, p in enumerate(map(in_mm, e.parameters))
     ]  # fmt: skip
     return table("effects added", ("effect", "parameter", "value (95 %)", "unit"), rows, left=2)
