@@ -30,7 +30,7 @@ DRIVEN = 0.6  # of the torque that the rotor has alone at its speed: below, the 
 HUBER, ROUNDS = (
     2.5,
     12,
-)  # deviations from which on a row counts less (Huber 1964); reweightings, which settle it
+)  # deviations beyond which a row counts less (Huber 1964); reweightings
 PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
 WATTS_ROWS = 12
