@@ -15,7 +15,7 @@ from coaxlink.report.pictures.looks import THRUST, TORQUE
 from coaxlink.report.terminal import table
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
-TITLE = "share of the model's load, 95 % interval"
+TITLE = "share of the model's load, 95 % interval, whatever the payload"
 LIKELY = 0.01  # of a suspect that is worth a line
 
 
@@ -109,18 +109,27 @@ def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
     """Headings, a row a rotor and a row a pair, in the last flights."""
     last = health.flights[-SHOWN:]
     thrusts = [f"{flight.name}\nthrust" for flight in last]
-    heads = ["rotor", *thrusts, "torque, last", f"chance that over\n{100 * MATTERS:.0f} % are lost"]
-    chance = {s.rotor: s.probability for s in health.suspects}
+    lost = f"chance of\n> {100 * MATTERS:.0f} % lost"
+    heads = ["rotor", *thrusts, "torque, last", "% lost,\nif this", lost]
+    suspects = {s.rotor: s for s in health.suspects}
     rotors = [
         [str(rotor.rotor), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
-         _percent(chance[rotor.rotor]) if rotor.rotor in chance else "-"]
+         *_weighed(suspects.get(rotor.rotor))]
         for i, rotor in enumerate(last[-1].rotors)
     ]  # fmt: skip
     pairs = [
-        [f"pair {pair.rotors[0]}/{pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", ""]
+        [f"pair {pair.rotors[0]}/{pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", "", ""]
         for i, pair in enumerate(last[-1].pairs)
     ]
     return heads, rotors, pairs
+
+
+def _weighed(suspect: SuspectRotor | None) -> tuple[str, str]:
+    """What the verdict rests on: how much a rotor lost if it is the one that did, and how likely it is."""
+    if suspect is None:
+        return "-", "-"
+    half = 50 * (suspect.loss.high - suspect.loss.low)
+    return f"{100 * suspect.loss.value:+z.0f} ± {half:.0f}", _percent(suspect.probability)
 
 
 def _cell(value: Any) -> str:
