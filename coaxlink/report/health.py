@@ -133,7 +133,9 @@ def _weighed(suspect: SuspectRotor | None) -> tuple[str, str]:
 
 
 def _cell(value: Any) -> str:
-    return f"{value.value:.3f} ± {(value.high - value.low) / 2:.3f}"
+    half = (value.high - value.low) / 2
+    digits = 3 if half < 0.01 else 2
+    return f"{value.value:.{digits}f} ± {half:.{digits}f}"
 
 
 def health_page(health: Health, made: Made) -> str:
