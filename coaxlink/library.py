@@ -145,7 +145,7 @@ def refine(
     from coaxlink.rotor import load_rotor_model
 
     given = [logs] if isinstance(logs, (str, Path, Samples)) else list(logs)
-    read = [_read(log) for log in given]
+    read = [one for log in given for one in _flights(log)]
     if any(log.has("motor1") for log in read):
         if vehicle is None:
             raise InputError("vehicle", "", "flight logs are held against a Vehicle; none is given")
@@ -193,6 +193,15 @@ def mix(
 
     with LiveMixer(session, vehicle_of(vehicle), law, **options) as live:
         yield live
+
+
+def _flights(log: Log) -> list[Samples]:
+    """Of a flight log all its flights, else the log."""
+    from coaxlink.data import is_flight_log, read_flights
+
+    return (
+        [_read(log)] if isinstance(log, Samples) or not is_flight_log(Path(log)) else read_flights(Path(log))
+    )
 
 
 def _read(log: Log) -> Samples:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption
 from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.errors import InputError
 from firmware_params.plain import name_problem
@@ -41,6 +42,7 @@ def init(
         Path | None, typer.Option(metavar="LUA", help="With --from: the matrix script of FRAME_CLASS 15.")
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Read it from this board.")] = "",
+    system: SystemOfLogOption = None,
     timeout: TimeoutOption = WAIT_S,
     arm: Annotated[
         float | None, typer.Option(metavar="M", help="Centre to rotor, where the source holds no lengths.")
@@ -77,7 +79,7 @@ def init(
     for output in (out, picture, json_file):
         files.refuse_unwritable(output)
     model = load_rotors(rotor) if rotor else None
-    layout = _layout(template, source, script, connect, timeout, mass)
+    layout = _layout(template, source, script, system, connect, timeout, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)
     body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia), lag)
@@ -111,6 +113,7 @@ def _layout(
     template: str,
     source: Path | None,
     script: Path | None,
+    system: int | None,
     connect: str,
     timeout_s: float,
     mass_kg: float | None,
@@ -127,7 +130,7 @@ def _layout(
         )
     if template:
         return setup.template(template)
-    return layout_of_file(source, script) if source else layout_of_board(connect, timeout_s)
+    return layout_of_file(source, script, system) if source else layout_of_board(connect, timeout_s)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

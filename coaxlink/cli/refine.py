@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli.shared.fleet import folder_of
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption, read_flights_of
 from coaxlink.cli.shared.next import after_refine
 from coaxlink.cli.shared.shell import (
     JsonOption,
@@ -50,6 +51,7 @@ def refine(
             help="Model to hold against (default: the airframe's; for a stand log a model fitted to it).",
         ),
     ] = None,
+    system: SystemOfLogOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="ROTOR.toml", help="Write the model with the effects added.")
     ] = None,
@@ -74,7 +76,7 @@ def refine(
     """Find what the model lacks in measured data, name it, and report the error before and after."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.data import is_flight_log
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.refine import remarks, tables, verdict
     from coaxlink.residual import refine as run
@@ -103,14 +105,12 @@ def refine(
         raise InputError(body.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor")
     model = load_rotors(model_file) if model_file else None
     with talk().status("reading") as status:
-        samples = []
         if not flight:
             # trusted: refine says what is suspect
             how = StandOptions(columns, upper, poles, sheet=sheet, trust_units=True)
             samples = read_stand(logs, how, status.update)
-        for path in logs if flight else ():
-            status.update(f"reading {path.name}")
-            samples.append(read_flight_log(path))
+        else:
+            samples = read_flights_of(logs, system, status.update)
         if body is not None and model is not None:
             result = run(samples, body, model, progress=status.update)
         else:

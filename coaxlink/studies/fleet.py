@@ -287,7 +287,7 @@ class RefineLog:
     def __call__(self, log: Path) -> list[LogFinding]:
         """Everything that refine names; raises CoaxlinkError."""
         from coaxlink.airframe import load_airframe
-        from coaxlink.data import read_flight_log
+        from coaxlink.data import read_flights
         from coaxlink.residual import refine
         from coaxlink.vehicle import load_rotors
 
@@ -298,7 +298,7 @@ class RefineLog:
             raise InputError(
                 frame.source or "airframe", "rotor_model", "missing: name a rotor file (`rotor`)"
             )
-        answer = refine(read_flight_log(log), frame, load_rotors(model))
+        answer = refine(read_flights(log), frame, load_rotors(model))
         found = []
         for e in answer.effects:
             by_name = {p.name: p for p in e.parameters}

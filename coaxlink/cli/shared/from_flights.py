@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli.shared.flight_logs import read_flights_of
 from coaxlink.cli.shared.shell import console, say, talk
 
 AirframeOption = Annotated[
@@ -22,6 +23,7 @@ def identify_from_flights(
     logs: Sequence[Path],
     airframe: Path | None,
     rotor: Path | None,
+    system: int | None,
     out: Path | None,
     json: Path | None,
     plan: Path | None,
@@ -31,7 +33,6 @@ def identify_from_flights(
     Raises InputError, for a vehicle that can fly no plan after all else is printed and written.
     """
     from coaxlink import files
-    from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.data.samples import PREMISES
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.health.coefficients import coefficients_from_flights
@@ -45,17 +46,11 @@ def identify_from_flights(
 
     if airframe is None:
         raise InputError("--rotor", "", "is the prior of flight logs: name the vehicle with --airframe")
-    for path in logs:
-        if not is_flight_log(path):
-            raise InputError(path, "", "a flight log is expected with --airframe, found a stand's")
     for output in (out, json, plan):
         files.refuse_unwritable(output)
     vehicle = load_vehicle(airframe, rotor)
     with talk().status("reading") as status:
-        read = []
-        for path in logs:
-            status.update(f"reading {path.name}")
-            read.append(read_flight_log(path))
+        read = read_flights_of(logs, system, status.update)
         status.update("is this the vehicle?")
         if reasons := flown_by(read, vehicle):
             if json:

@@ -44,6 +44,7 @@ OPTIONS = {
     "spin_from_table": "--spin-from-table",
     "speed_max_rpm": "--speed-max-rpm",
     "split_reach": "--split-reach",
+    "system": "--system",
     "take_over": "--take-over",
     "target_system": "--system",
     "template": "--template",

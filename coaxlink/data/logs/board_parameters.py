@@ -14,11 +14,11 @@ from firmware_params.errors import ParamsFileError
 from firmware_params.reading import ARDUPILOT, PX4, ParamsFile, firmware_of, read_params
 
 
-def read_board_parameters(path: Path, *, telling: bool = False) -> ParamsFile:
+def read_board_parameters(path: Path, *, telling: bool = False, system: int | None = None) -> ParamsFile:
     """Of a file in any form of `firmware_params.reading`, a ULog, a DataFlash log or a tlog.
 
-    With `telling` the names must say whose they are. Raises InputError with the line; for a damaged ULog or
-    DataFlash log, whose messages have no checksum.
+    With `telling` the names must say whose they are; of several vehicles `system` says which. Raises
+    InputError with the line; for a damaged ULog or DataFlash log, whose messages have no checksum.
 
     >>> read_board_parameters(Path("/dev/null"))  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -27,7 +27,7 @@ def read_board_parameters(path: Path, *, telling: bool = False) -> ParamsFile:
     path = Path(path)
     kind = log_kind(path)
     try:
-        found = read_params(path, finite=False) if kind == "text" else _of_log(path, kind)
+        found = read_params(path, finite=False) if kind == "text" else _of_log(path, kind, system)
     except ParamsFileError as error:
         raise InputError(path, f"line {error.line}" if error.line else "", error.problem) from error
     if not found.params:
@@ -38,7 +38,7 @@ def read_board_parameters(path: Path, *, telling: bool = False) -> ParamsFile:
     return found
 
 
-def _of_log(path: Path, kind: str) -> ParamsFile:
+def _of_log(path: Path, kind: str, system: int | None) -> ParamsFile:
     if kind == "ulog":
         from coaxlink.data.logs.ulog import ulog_parameters
 
@@ -46,8 +46,8 @@ def _of_log(path: Path, kind: str) -> ParamsFile:
     if kind == "tlog":
         from coaxlink.data.logs.tlog import tlog_parameters
 
-        params = tlog_parameters(path)
-        found = ParamsFile({n: float(v) for n, v in params.items()})
+        params, told = tlog_parameters(path, system)
+        found = ParamsFile({n: float(v) for n, v in params.items()}, notes=told)
         return replace(found, firmware=firmware_of(path, params))
     from coaxlink.data.logs.dataflash import dataflash_parameters
 
