@@ -206,6 +206,7 @@ def _list(
     """Lines NAME, VALUE; of several values the last one, where commas are no decimal points."""
     console = any(a[1] != b[1] for a, b in zip(lines, plain_lines, strict=True))
     split: list[tuple[int, str, list[str]]] = []
+    notes: list[str] = []
     stamps = False
     for n, line in plain_lines:
         body = _COMMENT.sub("", line).replace('"', "").strip()
@@ -218,6 +219,10 @@ def _list(
             continue
         if match is None or not fields:
             heading = not split and re.split(r"[,;\t ]", body)[0].upper() in _HEADING
+            if body.startswith("@"):
+                notes.append(
+                    f"line {n}: '{plain(body, 40)}' was not followed: what it adds or changes is not known"
+                )
             if console or not body or body.startswith("@") or heading:
                 continue
             raise ParamsFileError(path, n, f"NAME,VALUE is expected, found '{plain(body, 40)}'")
@@ -226,7 +231,6 @@ def _list(
         split.append((n, match[1], fields))
     commas = [(n, name, f) for n, name, f in split if not stamps and _is_comma(f)]
     dots = next((n for n, _, fields in split if any("." in f for f in fields)), 0)
-    notes = []
     if commas and not dots:
         notes.append("decimal commas were read as decimal points")
         split = [(n, name, [",".join(f).replace(",", ".")] if _is_comma(f) else f) for n, name, f in split]

@@ -20,6 +20,7 @@ from coaxlink.cli.shared.single import (
     PitchOption,
     SingleOption,
     SpacingOption,
+    SupplyOption,
     prior_of_single,
 )
 from coaxlink.cli.shared.stand import (
@@ -85,6 +86,7 @@ def identify(
     pitch: PitchOption = None,
     spacing: SpacingOption = None,
     blades: BladesOption = 2,
+    voltage: SupplyOption = None,
     airframe: AirframeOption = None,
     rotor: PriorOption = None,
     system: SystemOfLogOption = None,
@@ -109,12 +111,15 @@ def identify(
             spacing_m=spacing,
             pitch_m=pitch,
             blades=blades,
+            voltage_V=voltage,
             speed_max_rpm=speed_max_rpm,
             out=out,
             json=json,
             plot=plot,
         )
         return
+    if voltage is not None:
+        raise InputError("--voltage", "", "is for --single")
     if not logs:
         raise InputError("identify", "LOG...", "a stand log is expected, or --single TABLE of one rotor")
     if airframe is not None or rotor is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli.shared.fleet import folder_of
-from coaxlink.cli.shared.flight_logs import SystemOfLogOption, read_flights_of
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption, named_vehicle, read_flights_of
 from coaxlink.cli.shared.next import after_refine
 from coaxlink.cli.shared.shell import (
     JsonOption,
@@ -16,7 +16,6 @@ from coaxlink.cli.shared.shell import (
     WorkersOption,
     console,
     say,
-    say_vehicle,
     talk,
 )
 from coaxlink.cli.shared.stand import (
@@ -42,7 +41,7 @@ def refine(
         ),
     ],
     airframe: Annotated[
-        Path | None, typer.Option(metavar="AIRFRAME.toml", help="Of a flight (default: the shipped X8).")
+        Path | None, typer.Option(metavar="AIRFRAME.toml", help="Of flight logs: the vehicle.")
     ] = None,
     rotor: Annotated[
         Path | None,
@@ -96,10 +95,12 @@ def refine(
             logs[kinds.index(False)], "", "a stand log among flight logs: refine one kind at a time"
         )
     flight = all(kinds)
+    if system is not None and not flight:
+        raise InputError("--system", "", "is of a flight log, found a stand's")
     if airframe is not None and not flight:
         wanted = f"coaxlink refine {logs[0].name} without --airframe, or coaxlink identify, takes it"
         raise InputError(logs[0], "", f"a stand log, and --airframe is of a flight: {wanted}")
-    body = load_airframe(airframe or files.example("x8_paper.toml")) if flight else None
+    body = load_airframe(named_vehicle(airframe, logs[0], system)) if flight else None
     model_file = rotor or (body.rotor_model if body else None)
     if body is not None and model_file is None:
         raise InputError(body.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor")
@@ -146,8 +147,6 @@ def refine(
     screen.print(verdict(result))
     for table in tables(result):
         screen.print(table)
-    if flight:
-        say_vehicle(airframe)
     for remark in remarks(result):
         say(remark)
     if result.reasons:
@@ -173,7 +172,6 @@ def _fleet(
     json: Path | None,
 ) -> None:
     """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
-    from coaxlink import files
     from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
     from coaxlink.studies.fleet import RefineLog
@@ -184,7 +182,7 @@ def _fleet(
         raise InputError(
             single, "", "a fleet has no one model: refine a vehicle's own logs for --out or --plan"
         )
-    analyse = RefineLog(airframe or files.example("x8_paper.toml"), rotor)
+    analyse = RefineLog(airframe, rotor)
     tell_fleet(folder, analyse, *where, report, json)
 
 

@@ -281,7 +281,7 @@ def growth(dates: Sequence[str], values: Sequence[float]) -> tuple[float, tuple[
 class RefineLog:
     """`refine` of one flight log as a fleet's analysis: the vehicle's files, or those beside its logs."""
 
-    airframe: Path
+    airframe: Path | None
     rotor: Path | None = None
 
     def __call__(self, log: Path) -> list[LogFinding]:
@@ -292,7 +292,10 @@ class RefineLog:
         from coaxlink.vehicle import load_rotors
 
         beside = log.parent / "airframe.toml"
-        frame = load_airframe(beside if beside.is_file() else self.airframe)
+        file = beside if beside.is_file() else self.airframe
+        if file is None:
+            raise InputError(log, "", f"whose flight is it? An {beside.name} beside it, or `airframe`")
+        frame = load_airframe(file)
         model = self.rotor or frame.rotor_model
         if model is None:
             raise InputError(

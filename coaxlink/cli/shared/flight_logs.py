@@ -31,6 +31,20 @@ def read_flights_of(
     return found
 
 
+def named_vehicle(airframe: Path | None, log: Path, system: int | None) -> Path:
+    """The vehicle's file. Raises InputError where nobody names it: a flight of one is judged by no other."""
+    from coaxlink.data import read_flights
+    from coaxlink.errors import InputError
+
+    if airframe is None:
+        read_flights(log, system)  # what is wrong with the log comes first
+        problem = (
+            "whose flight is it? --airframe AIRFRAME.toml (coaxlink init makes one; examples has the paper's)"
+        )
+        raise InputError(log, "", problem)
+    return airframe
+
+
 def refuse_stand_log(path: Path) -> None:
     """Raises InputError where a flight log is expected and this is a stand's, or neither."""
     from coaxlink.data import RotorsUnclear, is_flight_log, read_stand_log

@@ -10,6 +10,7 @@ import re
 
 OPTIONS = {
     "air_density_kg_m3": "--density",
+    "airframe": "--airframe",
     "arm_m": "--arm",
     "blades": "--blades",
     "board": "--connect",
