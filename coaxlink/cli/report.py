@@ -51,7 +51,7 @@ def report(
     files.write_atomic(page, flight_page(flights, made))
     for flight in flights:
         typer.echo(f"{flight.source}, {flight.seconds:.0f} s. {flight.answer}")
-    for line in dict.fromkeys(words for flight in flights for words in flight.told):
+    for line in dict.fromkeys(words for flight in flights for words in flight.provenance):
         say(f"- {line}")
     say(f"wrote {page}")
     if vehicle is None:

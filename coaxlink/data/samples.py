@@ -44,7 +44,9 @@ class Samples:
     parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot, where they are logged
     # time_s, severity 0..7 or None, and words of the autopilot
     texts: tuple[tuple[float, int | None, str], ...] = ()
-    told: tuple[str, ...] = ()  # of the file, to be said with every answer: its stretches, other vehicles
+    provenance: tuple[
+        str, ...
+    ] = ()  # of the file, to be said with every answer: its stretches, other vehicles
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(column) for name, column in self.columns.items()}

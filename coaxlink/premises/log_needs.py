@@ -34,13 +34,13 @@ def damage(logs: Sequence[Samples], said: str = "") -> Iterator[NotJudged]:
     be wrong; `said` is what it would mean."""
     for log in logs:
         if DAMAGED in log.premises:
-            left = f"; what is left of it says: {said}" if said else ""
+            left = f"; the rest of it reads: {said}" if said else ""
             yield NotJudged(DAMAGED, "by an undamaged log", f"{log.source}: {PREMISES[DAMAGED]}{left}")
 
 
 def unseen(logs: Sequence[Samples]) -> Iterator[str]:
     """In words, what each log is of, and that it does not hold its flight from the ground to the ground."""
-    yield from dict.fromkeys(words for log in logs for words in log.told)
+    yield from dict.fromkeys(words for log in logs for words in log.provenance)
     for log in logs:
         names = [name for name in log.columns if MOTOR.fullmatch(name)]
         if not names or log.rows < 2:

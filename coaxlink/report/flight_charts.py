@@ -66,7 +66,7 @@ class FlightCharts:
     charts: tuple[Chart, ...]
     events: tuple[tuple[float, str], ...]  # s since the first row, in words
     premises: tuple[str, ...] = field(default=())
-    told: tuple[str, ...] = ()  # of those what must be said with the answer
+    provenance: tuple[str, ...] = ()  # of those what must be said with the answer
 
 
 def flight_charts(path: Path, vehicle: Vehicle | None, system: int | None = None) -> list[FlightCharts]:
@@ -81,7 +81,7 @@ def _charts(samples: Samples, vehicle: Vehicle | None) -> FlightCharts:
     start = float(samples["time_s"][0])
     motors = sorted(int(n[5:]) for n in samples.columns if n.startswith("motor") and n[5:].isdigit())
     charts = list(_logged(samples, motors, start))
-    rests = [*samples.told, *(PREMISES[p] for p in samples.premises), *samples.notes]
+    rests = [*samples.provenance, *(PREMISES[p] for p in samples.premises), *samples.notes]
     if vehicle is None:
         answer = "Thrust, the split of the pairs and the wrench need the file of the airframe."
     else:
@@ -98,7 +98,7 @@ def _charts(samples: Samples, vehicle: Vehicle | None) -> FlightCharts:
         tuple(charts),
         tuple(_events(samples, start)),
         tuple(rests),
-        samples.told,
+        samples.provenance,
     )
 
 

@@ -105,7 +105,7 @@ def test_each_stretch_is_a_table_of_its_own(tmp_path: Path) -> None:
                 assert [round(log["time_s"][0], 1) for log in found] == [first, second]
                 for log in found:
                     assert (np.diff(log["time_s"]) < 0.3).all() and DAMAGED not in log.premises
-                    assert "2 stretches" in log.told[0] and "stretch" in log.source
+                    assert "2 stretches" in log.provenance[0] and "stretch" in log.source
                 if name.startswith("tlog"):
                     assert [set(log["motor1"]) for log in found] == [{0.8}, {0.2}]
                 with pytest.raises(InputError, match=r"2 flights, and one is expected"):
@@ -132,7 +132,7 @@ def test_what_is_no_restart_is_one_flight(tmp_path: Path) -> None:
                     path = tlog(tmp_path, *data)
                 else:
                     path.write_bytes(data)
-                assert read_flight_log(path).told == ()
+                assert read_flight_log(path).provenance == ()
                 path = tmp_path / "log"
 
 
@@ -141,7 +141,7 @@ def test_a_stretch_without_a_flight_is_said_and_the_other_is_read(tmp_path: Path
     bench = [row for row in dataflash(3) if row[0] != "RCOU"]
     path.write_bytes(as_binary(dataflash(40) + bench))
     log = read_flight_log(path)
-    assert "2 stretches, 5.9 s and number 2 is not read (no motor commands" in log.told[0]
+    assert "2 stretches, 5.9 s and number 2 is not read (no motor commands" in log.provenance[0]
 
 
 def mixed(folder: Path, apart_s: float, *systems: int) -> Path:
@@ -171,8 +171,8 @@ def test_of_several_vehicles_one_is_read_and_all_are_named(tmp_path: Path) -> No
     log = read_flight_log(path)
     assert commands(log) == 0.8
     expected = "systems 3 (360 messages of a flight) and 7 (240 messages of a flight): 3 is read, which sent"
-    assert expected in log.told[0]
-    assert commands(read_flight_log(path, 7)) == 0.2 and "7 is read" in read_flight_log(path, 7).told[0]
+    assert expected in log.provenance[0]
+    assert commands(read_flight_log(path, 7)) == 0.2 and "7 is read" in read_flight_log(path, 7).provenance[0]
     for system, problem in ((5, "is not in this tlog: found 3 "), (0, "from 1 to 255 is expected, found 0")):
         with pytest.raises(InputError, match=problem):
             read_flights(path, system)

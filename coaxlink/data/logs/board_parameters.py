@@ -46,8 +46,8 @@ def _of_log(path: Path, kind: str, system: int | None) -> ParamsFile:
     if kind == "tlog":
         from coaxlink.data.logs.tlog import tlog_parameters
 
-        params, told = tlog_parameters(path, system)
-        found = ParamsFile({n: float(v) for n, v in params.items()}, notes=told)
+        params, provenance = tlog_parameters(path, system)
+        found = ParamsFile({n: float(v) for n, v in params.items()}, notes=provenance)
         return replace(found, firmware=firmware_of(path, params))
     from coaxlink.data.logs.dataflash import dataflash_parameters
 

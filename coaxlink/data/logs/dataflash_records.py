@@ -49,7 +49,9 @@ class Records:
 
     kinds: dict[str, Kept] = field(default_factory=dict)
     damaged: bool = False  # some of it could not be read
-    begins: list[int] = field(default_factory=list)  # places where formats are told anew: another log follows
+    begins: list[int] = field(
+        default_factory=list
+    )  # places where formats are given anew: another log follows
 
 
 def read_records(path: Path, types: Sequence[str]) -> Records:
@@ -115,7 +117,7 @@ def _of_binary(path: Path, types: Sequence[str]) -> Records:
 
 
 def _begins(reader: Any) -> list[int]:
-    """Offsets after the first at which the format of formats is told: there another log was appended."""
+    """Offsets after the first at which the format of formats is given: there another log was appended."""
     own = FORMAT_OF_FORMATS
     return [int(at) for at in reader.offsets[own] if reader.data_map[at + 3] == own][1:]
 

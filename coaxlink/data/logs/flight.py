@@ -50,7 +50,7 @@ _DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, 
 def read_flights(path: Path, system: int | None = None) -> list[Samples]:
     """ULog, DataFlash, tlog, mix.live or CSV, by content, as the contract's flight columns: a table a flight.
 
-    A log is cut where its clock goes back or its board started again; `told` of each says so. Of several
+    A log is cut where its clock goes back or its board started again; `provenance` of each says so. Of several
     vehicles that of `system` is read, else the one that sent the most.
 
     Columns: time_s, motor1..N (0..1, after the thrust curve), accel_* (specific force, m/s^2), gyro_*,
@@ -93,7 +93,7 @@ def read_flight_log(path: Path, system: int | None = None) -> Samples:
         raise InputError(
             path,
             "",
-            f"{len(found)} flights, and one is expected: read_flights gives each ({found[0].told[-1]})",
+            f"{len(found)} flights, and one is expected: read_flights gives each ({found[0].provenance[-1]})",
         )
     return found[0]
 

@@ -97,4 +97,4 @@ def each_stretch(source: str, parts: Sequence[Part], read: Callable[[Part], Samp
         raise problems[0]
     why = "its clock goes back or its board started again in between"
     words = f"{source}: {len(parts)} stretches, {' and '.join(said)}: {why}, each is judged by itself"
-    return [replace(one, told=(words, *one.told)) for one in found]
+    return [replace(one, provenance=(words, *one.provenance)) for one in found]

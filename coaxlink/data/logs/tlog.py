@@ -80,7 +80,7 @@ def read_tlog(
         return _flight(path, link, number, None if motors is None else motors[number])
 
     found = each_stretch(str(path), range(len(link.boots)), read)
-    return [replace(one, told=(*link.told, *one.told)) for one in found]
+    return [replace(one, provenance=(*link.provenance, *one.provenance)) for one in found]
 
 
 def _flight(path: Path, link: _Link, number: int, motors: TimeSeries | None) -> Samples:
@@ -123,7 +123,7 @@ class _Link:
     """What one autopilot sent."""
 
     boots: list[_Boot]
-    told: tuple[str, ...]  # of the other vehicles
+    provenance: tuple[str, ...]  # of the other vehicles
     garbled: int
     damaged: bool  # a torn last frame is none
 
@@ -137,7 +137,7 @@ def _link(path: Path, system: int | None) -> _Link:
         who: sum(len(rows.at) for name, rows in kinds.items() if name not in QUIET)
         for who, kinds in found.rows.items()
     }
-    sender, told = chosen(path, motion, system, FLIGHT_MESSAGES)
+    sender, provenance = chosen(path, motion, system, FLIGHT_MESSAGES)
     sent = found.rows[sender]
     reported = sent.pop("PARAM_VALUE", None)
     if not sent:
@@ -153,7 +153,7 @@ def _link(path: Path, system: int | None) -> _Link:
             values = later | _parameters(reported.between(0, last - 1), bytewise=bytewise)
         if said:
             boots.append(_Boot(_stamped(said), values))
-    return _Link(boots, told, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME)
+    return _Link(boots, provenance, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME)
 
 
 def flight_numbers() -> frozenset[int]:
@@ -210,13 +210,13 @@ def tlog_parameters(path: Path, system: int | None = None) -> tuple[dict[str, fl
         raise InputError(path, "", problem)
     in_order = sorted(reported, key=lambda who: int(reported[who].at[0]))
     counts = {who: len(set(_names(reported[who]))) for who in in_order}
-    sender, told = chosen(path, counts, system, "parameters")
+    sender, provenance = chosen(path, counts, system, "parameters")
     rows, beats = reported[sender], kinds[sender].get("HEARTBEAT")
     if beats is not None:
         plain = int(beats.fields["autopilot"][-1]) == ARDUPILOT
     else:
         plain = "FRAME_CLASS" in _names(rows)
-    return _parameters(rows, bytewise=not plain), told
+    return _parameters(rows, bytewise=not plain), provenance
 
 
 def _is_ardupilot(messages: Mapping[str, Message]) -> bool:

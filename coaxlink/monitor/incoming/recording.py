@@ -160,7 +160,7 @@ class Tlog:
         self.target, self.notes = chosen(path, sent, system, FLIGHT_MESSAGES)
         try:
             self.flights: Sequence[Samples] = read_flights(path, self.target[0])
-            self.notes += tuple(words for words in self.flights[0].told if words not in self.notes)
+            self.notes += tuple(words for words in self.flights[0].provenance if words not in self.notes)
         except InputError:  # shown all the same
             self.flights = ()
         target = self.target
@@ -229,7 +229,7 @@ class SampleLog:
                 if at <= time[-1]
             ]
             self.length_s += lasts
-        self.notes = ("a log of samples: link, mode and current are not in it", *flights[0].told)
+        self.notes = ("a log of samples: link, mode and current are not in it", *flights[0].provenance)
         self.notes += tuple(dict.fromkeys(note for samples in flights for note in samples.notes))
 
     def before(self, to_s: float) -> Iterator[tuple[float, Any]]:
