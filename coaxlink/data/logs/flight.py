@@ -50,8 +50,8 @@ _DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, 
 def read_flights(path: Path, system: int | None = None) -> list[Samples]:
     """ULog, DataFlash, tlog, mix.live or CSV, by content, as the contract's flight columns: a table a flight.
 
-    A log is cut where its clock goes back or its board started again; `provenance` of each says so. Of several
-    vehicles that of `system` is read, else the one that sent the most.
+    A log is cut where its clock goes back or its board started again; each one's `provenance` says so. Of
+    several vehicles that of `system` is read, else the one that sent the most.
 
     Columns: time_s, motor1..N (0..1, after the thrust curve), accel_* (specific force, m/s^2), gyro_*,
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
