@@ -108,7 +108,7 @@ def test_each_stretch_is_a_table_of_its_own(tmp_path: Path) -> None:
                     assert "2 stretches" in log.provenance[0] and "stretch" in log.source
                 if name.startswith("tlog"):
                     assert [set(log["motor1"]) for log in found] == [{0.8}, {0.2}]
-                with pytest.raises(InputError, match=r"2 flights, and one is expected"):
+                with pytest.raises(InputError, match=r"2 stretches, and one is expected"):
                     read_flight_log(path)
                 path = tmp_path / "log"
 

@@ -41,6 +41,8 @@ def identify_from_flights(
     from coaxlink.premises import unseen
     from coaxlink.premises.answer import as_json
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
+    from coaxlink.residual.channels.flight import flown
+    from coaxlink.residual.refine import vehicle_differs
     from coaxlink.rotor.model import save_rotor_model
     from coaxlink.vehicle import load_vehicle
 
@@ -52,6 +54,8 @@ def identify_from_flights(
     with talk().status("reading") as status:
         read = read_flights_of(logs, system, status.update)
         status.update("is this the vehicle?")
+        if not vehicle_differs(read, vehicle.declared):
+            read = flown(read, vehicle.declared, vehicle.rotors)
         if reasons := flown_by(read, vehicle):
             if json:
                 files.write_json(json, as_json(reasons))

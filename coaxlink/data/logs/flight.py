@@ -90,11 +90,8 @@ def read_flight_log(path: Path, system: int | None = None) -> Samples:
     """The flight of a log that holds one, as `read_flights`. Raises InputError, also for several."""
     found = read_flights(path, system)
     if len(found) > 1:
-        raise InputError(
-            path,
-            "",
-            f"{len(found)} flights, and one is expected: read_flights gives each ({found[0].provenance[-1]})",
-        )
+        problem = f"{len(found)} stretches, and one is expected: read_flights gives each"
+        raise InputError(path, "", problem)
     return found[0]
 
 

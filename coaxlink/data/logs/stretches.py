@@ -96,5 +96,5 @@ def each_stretch(source: str, parts: Sequence[Part], read: Callable[[Part], Samp
     if not found:
         raise problems[0]
     why = "its clock goes back or its board started again in between"
-    words = f"{source}: {len(parts)} stretches, {' and '.join(said)}: {why}, each is judged by itself"
+    words = f"{source}: {len(parts)} stretches, {' and '.join(said)}: {why}"
     return [replace(one, provenance=(words, *one.provenance)) for one in found]
