@@ -29,6 +29,7 @@ def link(
     *,
     system: int = 1,
     motor: float = 0.5,
+    roll: float = 0.1,
     seconds: float = 6.0,
     late: tuple[int, ...] = (),
     begin_s: float = 0.0,
@@ -39,7 +40,7 @@ def link(
     for k in range(round(begin_s * 20), round(seconds * 20)):
         ms = round(1000 * boot_s) + 50 * k
         messages = [
-            common.MAVLink_attitude_message(ms, 0.1, 0.0, 0.0, 0, 0, 0),
+            common.MAVLink_attitude_message(ms, roll, 0.0, 0.0, 0, 0, 0),
             common.MAVLink_highres_imu_message(1000 * ms, *[0] * 2, -9.8, *[0] * 10, 63, 0),
             common.MAVLink_actuator_output_status_message(
                 1000 * ms, 8, [1000 + 1000 * motor] * 8 + [0.0] * 24
@@ -148,18 +149,22 @@ def mixed(folder: Path, apart_s: float, *systems: int) -> Path:
     """Two vehicles on one line at once, their clocks so far apart."""
     one, two = bytearray(), bytearray()
     link(one, 30.0, 0.0, system=systems[0], motor=0.8)
-    link(two, 30.0 + apart_s, 0.0, system=systems[1], motor=0.2, seconds=4.0)
-    parts = []
-    for data in (one, two):
-        at, frames = 0, []
+    link(two, 30.0 + apart_s, 0.0, system=systems[1], motor=0.2, roll=0.3, seconds=4.0)
+    path = folder / "two.tlog"
+    path.write_bytes(in_order(one, two))
+    return path
+
+
+def in_order(*recordings: bytearray) -> bytes:
+    """Recordings of one time as one."""
+    frames = []
+    for data in recordings:
+        at = 0
         while at < len(data):
             size = 8 + 12 + data[at + 9]
-            frames.append((data[at : at + 8], bytes(data[at : at + size])))
+            frames.append(bytes(data[at : at + size]))
             at += size
-        parts += frames
-    path = folder / "two.tlog"
-    path.write_bytes(b"".join(frame for _, frame in sorted(parts, key=lambda part: part[0])))
-    return path
+    return b"".join(sorted(frames, key=lambda frame: frame[:8]))
 
 
 def commands(log: Samples) -> float:
@@ -176,8 +181,18 @@ def test_of_several_vehicles_one_is_read_and_all_are_named(tmp_path: Path) -> No
     for system, problem in ((5, "is not in this tlog: found 3 "), (0, "from 1 to 255 is expected, found 0")):
         with pytest.raises(InputError, match=problem):
             read_flights(path, system)
-    with pytest.raises(InputError, match="two boards under one number"):
-        read_flights(mixed(tmp_path, 100.0, 1, 1))
+    for apart_s in (100.0, 0.31, 0.0):
+        with pytest.raises(InputError, match="two boards under one number"):
+            read_flights(mixed(tmp_path, apart_s, 1, 1))
+
+
+def test_one_vehicle_over_two_links_is_one(tmp_path: Path) -> None:
+    once, again = bytearray(), bytearray()
+    link(once, 30.0, 0.0)
+    link(again, 30.0, 0.2)
+    path = tmp_path / "twice.tlog"
+    path.write_bytes(in_order(once, again))
+    assert read_flight_log(path).rows == read_flight_log(tlog(tmp_path, {"boot_s": 30, "wall_s": 0})).rows
 
 
 def test_a_log_of_one_vehicle_is_held_against_the_number(tmp_path: Path) -> None:

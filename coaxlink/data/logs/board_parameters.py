@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from coaxlink.data.logs.flight import log_kind
+from coaxlink.data.logs.flight import log_kind, refuse_other_system
 from coaxlink.errors import InputError
 from firmware_params.errors import ParamsFileError
 from firmware_params.reading import ARDUPILOT, PX4, ParamsFile, firmware_of, read_params
@@ -27,11 +27,16 @@ def read_board_parameters(path: Path, *, telling: bool = False, system: int | No
     path = Path(path)
     kind = log_kind(path)
     try:
-        found = read_params(path, finite=False) if kind == "text" else _of_log(path, kind, system)
+        if kind == "text":
+            found = read_params(path, finite=False, system=system)
+        else:
+            found = _of_log(path, kind, system)
     except ParamsFileError as error:
         raise InputError(path, f"line {error.line}" if error.line else "", error.problem) from error
     if not found.params:
         raise InputError(path, "", "the log holds no parameters")
+    if kind != "tlog" and not found.system:
+        refuse_other_system(path, system, found.params)
     if telling and not found.firmware:
         problem = "neither FRAME_CLASS (ArduPilot) nor CA_* (PX4): whose parameters these are is not known"
         raise InputError(path, "", problem)

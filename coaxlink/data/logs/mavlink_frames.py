@@ -47,6 +47,10 @@ class Rows:
         """Whether messages of this kind hold it."""
         return field in (self.fields.dtype.names or ())
 
+    def rows(self, index: NDArray[np.int64]) -> Rows:
+        """Those of an index array."""
+        return Rows(self.at[index], self.fields[index])
+
     def between(self, first: int, last: int) -> Rows:
         """Those of the frames `first` to `last`."""
         rows = slice(*np.searchsorted(self.at, [first, last + 1]))

@@ -40,7 +40,7 @@ from coaxlink.data.logs.streams import (
     rows_of,
     series,
 )
-from coaxlink.data.logs.stretches import LATE_S, Stream, cuts, each_stretch
+from coaxlink.data.logs.stretches import LATE_S, UNHEARD_S, Stream, cuts, each_stretch
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 
@@ -52,6 +52,7 @@ NAMES = (
     "ESC_INFO", *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
 )  # fmt: skip
 WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
+CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU")  # one at a time
 QUIET = ("HEARTBEAT", "PARAM_VALUE")  # sent on the ground too
 FLIGHT_MESSAGES = "messages of a flight"
 LAST_SYSTEM = 255  # MAVLink
@@ -162,11 +163,17 @@ def flight_numbers() -> frozenset[int]:
 
 
 def _streams(sent: Mapping[str, Rows], found: Heard) -> Iterator[Stream]:
-    """The board's clock in messages of each kind, where it is counted from its start and does not wrap."""
-    for name, rows in sent.items():
-        if name != "SERVO_OUTPUT_RAW":
+    """The board's clock in messages that it sends one at a time; what came over two links counts once."""
+    for name in CLOCKS:
+        if name in sent:
+            fields, heard_s = sent[name].fields, found.clock_us[sent[name].at] / 1e6
+            _, first, which = np.unique(
+                fields.view(f"V{fields.itemsize}"), return_index=True, return_inverse=True
+            )
+            again = (np.arange(len(fields)) != first[which]) & (heard_s - heard_s[first[which]] < UNHEARD_S)
+            rows = sent[name].rows(np.flatnonzero(~again))
             stamp, since_1970 = _stamps(name, rows)
-            yield Stream(rows.at, np.where(since_1970, np.nan, stamp), found.clock_us[rows.at] / 1e6)
+            yield Stream(rows.at, np.where(since_1970, np.nan, stamp), heard_s[~again])
 
 
 def chosen(
