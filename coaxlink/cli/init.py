@@ -11,7 +11,7 @@ import typer
 from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
 from coaxlink.cli.shared.flight_logs import SystemOfLogOption
 from coaxlink.cli.shared.shell import JsonOption, say
-from coaxlink.errors import InputError
+from coaxlink.errors import CheckFailed, InputError
 from firmware_params.plain import name_problem
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Make a vehicle file; show who is where, which way it turns, and what looks wrong."""
+    """Make a vehicle file; show who is where, which way it turns, and what looks wrong (exit code 1)."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.airframe import report
@@ -101,9 +101,10 @@ def init(
     say(f"wrote {out}")
     for line in guesses(frame):
         say(f"guessed: {line}")
-    if any(f.severity == "error" for f in findings):
-        say("mend what is marked error before a table is made of it")
-    elif not rotor:
+    if wrong := sum(f.severity == "error" for f in findings):
+        many = "thing" if wrong == 1 else "things"
+        raise CheckFailed(f"{out}: {wrong} {many} to mend before a table is made of it")
+    if not rotor:
         say(f"next: coaxlink identify STAND.csv --out rotor.toml, then set rotor_model in {out}")
     else:
         say(f"next: coaxlink table {out} --firmware px4|ardupilot --out tables")

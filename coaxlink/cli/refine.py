@@ -87,6 +87,10 @@ def refine(
         files.refuse_unwritable(output)
     folder = folder_of(logs[0])
     if folder is not None:
+        if system is not None:
+            raise InputError(
+                "--system", "", "is of single logs: a fleet's folder holds a vehicle's logs each"
+            )
         _fleet(folder, len(logs), out or plan, airframe, rotor, (workers, scheduler), report, json)
         return
     kinds = [is_flight_log(path) for path in logs]

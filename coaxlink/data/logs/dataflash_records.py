@@ -25,7 +25,7 @@ MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a car
 TRAILING = 528  # bytes that may follow: pymavlink's own figure, twice the page of block-based logging
 HEAD = b"\xa3\x95"  # of every message
 FORMAT_OF_FORMATS = 128  # the type of FMT, with which a log begins
-CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}  # s
+CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # a second
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def _kept(found: dict[str, list[tuple[int, Any]]]) -> dict[str, Kept]:
     for name, rows in found.items():
         own = next((c for c in CLOCKS if hasattr(rows[0][1], c)), None)
         if own is not None:
-            times[name] = np.array([getattr(m, own) for _, m in rows], float) * CLOCKS[own]
+            times[name] = np.array([getattr(m, own) for _, m in rows], float) / CLOCKS[own]
             clock += zip((at for at, _ in rows), times[name].tolist(), strict=True)
     clock.sort()
     places, stamps = (np.array([row[k] for row in clock]) for k in range(2))

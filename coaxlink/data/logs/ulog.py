@@ -96,9 +96,12 @@ def _flight(path: Path, log: Any, torn: bool) -> Samples:
 
 
 def ulog_parameters(path: Path, *, whole: bool = False) -> dict[str, float | int]:
-    """The parameters a PX4 log begins with. Raises InputError, with `whole` for a damaged log too."""
+    """The parameters a PX4 log begins with, of several logs in one file those of the last.
+
+    Raises InputError, with `whole` for a damaged log too.
+    """
     found = _chain(path)
-    log = _open(path, found.parts[0])
+    log = _open(path, found.parts[-1])
     if whole and _is_damaged(log, found.torn):
         raise InputError(path, "", PREMISES[DAMAGED])
     return _numbers(log.initial_parameters)
