@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink.cli.shared.flight_logs import SystemOfLogOption
+from coaxlink.cli.shared.options import by_option
 from coaxlink.cli.shared.shell import JsonOption, console, say
 
 if TYPE_CHECKING:
@@ -128,7 +129,9 @@ def _serve(port: int, url: str | None) -> None:
 def _player(path: Path, system: int | None, speed: float, start_s: float) -> Player:
     from coaxlink.monitor.incoming.recording import Player, load_recording
 
-    return Player(load_recording(path, system), speed=speed, start_s=start_s)
+    recording = load_recording(path, system)
+    recording.notes = tuple(map(by_option, recording.notes))
+    return Player(recording, speed=speed, start_s=start_s)
 
 
 def _against(player: Player, vehicle: Vehicle) -> tuple[Reason, ...]:
