@@ -76,9 +76,9 @@ def health(
     if json:
         files.write_json(json, result.as_json())
     screen = console()
+    screen.print(verdict_line(result))
     if result.flights:
         screen.print(health_table(result))
-    screen.print(verdict_line(result))
     say_vehicle(airframe)
     for line in remarks(result):
         say(f"- {line}")

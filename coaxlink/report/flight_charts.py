@@ -187,14 +187,25 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
         charts.append(Chart(f"{axis}, demanded and delivered", unit, tuple(lines), note=note))
     gain = float((demanded[:, 0] * delivered[:, 0]).sum() / (demanded[:, 0] ** 2).sum())
     roll, pitch, yaw = np.mean(delivered - demanded, axis=0)[1:]
+    lift, kg = float(np.mean(demanded[:, 0])), airframe.mass_kg
+    ahead, aside = _aside(-pitch, lift, "forward", "back"), _aside(roll, lift, "right", "left")
     said = [
-        f"Thrust came out at {gain:.2f} of what {by} says",
-        f"Mean torque beyond what it says: roll {roll:+z.2f}, pitch {pitch:+z.2f}, yaw {yaw:+z.2f} N m",
+        f"Mass: thrust came out at {gain:.2f} of what {by} says, as if the vehicle had {kg / gain:.1f} kg "
+        f"(file: {kg:g})",
+        f"Centre of mass: the mean torque beyond that is of one {ahead} and {aside} of the file's "
+        f"(roll {roll:+z.2f}, pitch {pitch:+z.2f} N m)",
+        f"Mean yaw torque beyond it: {yaw:+z.2f} N m",
     ]
     if airframe.pairs:
         said.insert(0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power")
     others = [f"This may be another vehicle's flight: {o.why}" for o in other_vehicle(frame, [samples])]
     return charts, ". ".join([*others, *said]) + "."
+
+
+def _aside(torque_Nm: float, lift_N: float, one: str, other: str) -> str:
+    """How far a centre of mass lies aside that makes this torque under a lift: M = -r x F."""
+    way = 1e3 * torque_Nm / lift_N
+    return f"{abs(way):.1f} mm {one if way >= 0 else other}"
 
 
 def _wrenches(samples: Samples, vehicle: Vehicle, frame: Any) -> tuple[Array, Array, str]:
