@@ -14,10 +14,12 @@ from coaxlink.errors import InputError
 if TYPE_CHECKING:
     import pandas
 
-OUTPUTS_AS_MOTORS, DAMAGED = "outputs_as_motors", "damaged"
+OUTPUTS_AS_MOTORS, DAMAGED, SIGNED_SPEEDS = "outputs_as_motors", "damaged", "signed_speeds"
 PREMISES = {  # what a reader took for granted: in words, and what would tell
     OUTPUTS_AS_MOTORS: "no parameter in the log says which output drives which motor: output n is taken for "
     "motor n; give a log that holds the parameters",
+    SIGNED_SPEEDS: "the rpm of some rotors are negative, as of ESCs that tell the direction by the sign: "
+    "their amounts are taken",
     DAMAGED: "the file is damaged, some of it could not be read: take the log from the card again",
 }
 

@@ -23,6 +23,7 @@ from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, LOADS, Comparison, Pay
 from coaxlink.health.onsets import Onset
 from coaxlink.health.priors import GROUND, LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST, WATCH
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
+from coaxlink.residual.result import Suspect
 
 
 class Interval(NamedTuple):
@@ -100,6 +101,7 @@ class Health:
     mended: tuple[MendedRotor, ...] = ()  # likelier than not
     premises: tuple[str, ...] = ()  # what the logs' readers took for granted, in words
     slid: float = 0.0  # probability that something aboard moved within a flight
+    suspect_data: tuple[Suspect, ...] = ()  # columns, or rows of them, that are no readings
 
     @classmethod
     def withheld(
@@ -126,6 +128,7 @@ class Health:
             "premises": list(self.premises),
             "probability": None if self.reasons else self.probability,
             "matters": MATTERS,
+            "suspect_data": [asdict(s) for s in self.suspect_data],
             "suspects": [asdict(s) for s in self.suspects],
             "mended": [asdict(m) for m in self.mended],
             "payload_moved": None if self.reasons else self.payload,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from threadpoolctl import threadpool_limits
+
 from coaxlink.constants import NORMAL_95
 from coaxlink.data.samples import PREMISES, Samples
 from coaxlink.frames import FlightFrame
@@ -26,6 +28,7 @@ from coaxlink.premises import (
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
 from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.refine import vehicle_differs
 from coaxlink.vehicle import Vehicle
 
@@ -36,14 +39,19 @@ def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> H
     Raises InputError when a log lacks what every flight needs.
     """
     granted = dict.fromkeys(PREMISES[p] for log in logs for p in log.premises)
-    return replace(_judged(logs, names, vehicle), premises=(*granted, *unseen(logs)))
+    with threadpool_limits(limits=1, user_api="blas"):  # many small products
+        inputs = checked(logs, vehicle.declared)
+        found = _judged(inputs, names, vehicle)
+    return replace(found, premises=(*granted, *unseen(logs)), suspect_data=inputs.suspects)
 
 
-def _judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> Health:
-    body = vehicle.declared
+def _judged(inputs: Inputs, names: Sequence[str], vehicle: Vehicle) -> Health:
+    body, logs = vehicle.declared, inputs.logs
     differs = list(vehicle_differs(logs, body))
     if differs:
         return Health.withheld((), not_this_vehicle=differs)
+    if inputs.blind:
+        return Health.withheld((), cannot_judge=list(_blind(inputs)))
     frames = [flight_frame([log], body, vehicle.rotors) for log in logs]
     differs = [d for frame, log in zip(frames, logs, strict=True) for d in other_vehicle(frame, [log])]
     if differs:
@@ -53,6 +61,12 @@ def _judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> 
     lacks += damage(logs, _words(found))
     lacks += () if lacks else _hangs_on(found, frames, names)
     return Health.withheld(found.flights, cannot_judge=lacks) if lacks else found
+
+
+def _blind(inputs: Inputs) -> Iterator[NotJudged]:
+    for suspect in inputs.blind:
+        why = f"{suspect.column}: {suspect.why}"
+        yield NotJudged(suspect.column, "with that column mended, or by another log", why)
 
 
 def _over(frames: Sequence[FlightFrame], names: Sequence[str], *, slides: bool = True) -> Health:
@@ -82,15 +96,18 @@ def _hangs_on(found: Health, frames: Sequence[FlightFrame], names: Sequence[str]
             yield not_judged(moved.premise, f"{moved.words} the answer is {other} in place of {said}")
 
 
-def flown_by(logs: Sequence[Samples], vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged, ...]:
+def flown_by(inputs: Inputs, vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged, ...]:
     """Why these flights can update no rotor model of this vehicle; empty where they can. Raises InputError.
 
     An estimated prior may be off by more than a measured model: its lift is asked for within a factor of two
     alone, and flights tell how the pairs turn.
     """
     body, estimated = vehicle.declared, bool(set(UNKNOWN) & set(vehicle.rotors.sources.values()))
+    logs = inputs.logs
     if differs := vehicle_differs(logs, body):
         return differs
+    if inputs.blind:
+        return tuple(_blind(inputs))
     found: list[OtherVehicle | NotJudged] = []
     for log in logs:
         frame = flight_frame([log], body, vehicle.rotors)

@@ -55,6 +55,8 @@ def remarks(health: Health) -> Iterator[str]:
     """What a reader of the verdict must know besides."""
     yield from (reason.line() for reason in health.reasons[1:])
     yield from health.premises
+    blind = {r.premise for r in health.cannot_judge}
+    yield from (s.line() for s in health.suspect_data if s.column not in blind)
     if health.reasons:
         return
     for suspect in health.suspects[:3]:

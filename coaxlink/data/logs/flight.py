@@ -12,7 +12,7 @@ from coaxlink import files
 from coaxlink.data.logs.dataflash_text import is_dataflash_text
 from coaxlink.data.logs.streams import at_the_commands
 from coaxlink.data.quiet import one_line
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import SIGNED_SPEEDS, Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
 from firmware_params import bounded
@@ -51,7 +51,17 @@ def read_flight_log(path: Path) -> Samples:
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
     Raises InputError.
     """
-    path = Path(path)
+    return _amounts(_read(Path(path)))
+
+
+def _amounts(log: Samples) -> Samples:
+    """With speeds as amounts: an ESC that tells the direction by the sign tells a speed."""
+    rpm = {n: c for n, c in log.columns.items() if n.startswith("rpm")}
+    signed = {n: np.abs(c) for n, c in rpm.items() if np.sum(c < 0.0) > np.sum(c > 0.0)}
+    return log.with_columns(**signed).on_premises(SIGNED_SPEEDS) if signed else log
+
+
+def _read(path: Path) -> Samples:
     kind = log_kind(path)
     try:
         if kind == "ulog":
