@@ -125,20 +125,20 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     names = [(load, term) for load, terms in prior.terms().items() for term in terms]
     mean = np.array([prior.terms()[load][term] for load, term in names])
     covariance, notes = prior_covariance(prior, names, mean)
-    told = [[r.number for r in airframe.rotors if tells_speed(log, r.number)] for log in logs]
-    measured = all(len(t) > len(airframe.rotors) / 2 for t in told)  # most of them: judgement
+    measured = all(tells_speeds(log, airframe) for log in logs)
     if measured:
-        logs = [_by_speed(log, airframe, prior) for log in logs]
+        logs = [by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
-        silent = sorted({r.number for r in airframe.rotors for t in told if r.number not in t})
+        numbers = [r.number for r in airframe.rotors]
+        silent = [n for n in numbers if not all(tells_speed(log, n) for log in logs)]
         notes += tuple(f"rotor {n} tells no speed: it turns by its command as the others do" for n in silent)
     else:
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
     root = np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance))), float)
-    by_speed = prior.by_speed() if measured else prior
-    rows, frames = zip(*(_rows(log, airframe, by_speed, names, measured, root) for log in logs), strict=True)
+    bare = prior.by_speed() if measured else prior
+    rows, frames = zip(*(_rows(log, airframe, bare, names, measured, root) for log in logs), strict=True)
     whole = together(rows, {})
     count, lasts = len(names), whole.lasting
     units = np.eye(lasts)
@@ -202,7 +202,7 @@ def prior_covariance(
     return np.diag(np.array(sds) ** 2) + same * np.outer(guessed, guessed), (f"prior: {where}",)
 
 
-def _by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
+def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
     """A log whose motor columns are speeds: slowly as the ESCs' rpm say, quickly as the commands go.
 
         speed = mean(rpm) + slope (command - mean(command)),   means over SLOW_S, centred
@@ -232,6 +232,11 @@ def tells_speed(log: Samples, rotor: int) -> bool:
     if not log.has(f"rpm{rotor}"):
         return False
     return int(np.sum((log[f"rpm{rotor}"] > 0.0) & (log[f"motor{rotor}"] > TURNING))) >= LEAST_ROWS
+
+
+def tells_speeds(log: Samples, airframe: Airframe) -> bool:
+    """Whether more than half of the rotors tell theirs (judgement)."""
+    return 2 * sum(tells_speed(log, r.number) for r in airframe.rotors) > len(airframe.rotors)
 
 
 def _turned(command: Array, speed: Array, log: Samples, lag_s: float) -> tuple[Array, float]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from coaxlink.constants import NORMAL_95
 from coaxlink.data.samples import PREMISES, Samples
-from coaxlink.frames import FlightFrame
-from coaxlink.health.coefficients import Update, coefficients_from_flights
+from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
+from coaxlink.health.coefficients import Update, by_speed, coefficients_from_flights, tells_speeds
 from coaxlink.health.columns import reduced
 from coaxlink.health.judge import Health, judge
 from coaxlink.health.priors import GROUND
@@ -25,12 +26,16 @@ from coaxlink.premises import (
     other_vehicle,
     unseen,
 )
-from coaxlink.premises.moves import UNKNOWN
+from coaxlink.premises.moves import HOW, MEASURES, UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
-from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.refine import vehicle_differs
 from coaxlink.vehicle import Vehicle
+
+NORMAL_999 = 3.29  # of a normal distribution: standard deviations of half its 99.9 %
+FELT = 0.01  # of the reference load, judgement: less moves no load in hover by its interval
+SEVERAL = 2.0  # times, judgement: what an error adds is then more than all else (squares add up)
 
 
 def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> Health:
@@ -114,15 +119,62 @@ def flown_by(inputs: Inputs, vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged
         differs = other_vehicle(frame, [log])
         found += [d for d in differs if not (estimated and d.check == "lift" and _near(d.found))]
         found += [r for r in lacking(frame) if not (estimated and r.premise == "rotation")]
+        found += speeds_contradict(frame, log, vehicle)
     return (*found, *damage(logs))
+
+
+def speeds_contradict(frame: FlightFrame, log: Samples, vehicle: Vehicle) -> Iterator[NotJudged]:
+    """Speeds of the ESCs by which the model is much further off than by the commands: whatever the rotors do,
+    what they turned at tells it better than what they were told."""
+    body, model = vehicle.declared, vehicle.rotors
+    if not tells_speeds(log, body):
+        return
+    turned = flight_frame([by_speed(log, body, model)], body, model.by_speed())
+    told, asked = _moves(turned), _moves(frame)
+    wrong = np.where(told > FELT * frame.reference, told / asked, 0.0)
+    k = int(np.argmax(wrong))
+    if wrong[k] > SEVERAL:
+        channel, unit = FLIGHT_CHANNELS[k].replace("_", " "), FLIGHT_UNITS[k]
+        why = (
+            f"{channel} of the model is {told[k]:.2g} {unit} off by the ESCs' rpm, {asked[k]:.2g} {unit} by "
+            "the commands: some rpm are none"
+        )
+        yield NotJudged("rpm", "by a log whose rpm go with the commands, or without its rpm columns", why)
+
+
+def _moves(frame: FlightFrame) -> Array:
+    """(6,) rms of the residual about its mean."""
+    return np.asarray(np.std(reduce_columns(frame, frame.measured - frame.predicted), axis=0))
 
 
 def _near(ratio: float) -> bool:
     return 1 / RESPONSE < ratio < RESPONSE
 
 
+def beyond_prior(update: Update) -> Iterator[NotJudged]:
+    """Loads in hover that the prior itself calls impossible (one in a thousand): flights can weigh a belief,
+    and none that they contradict."""
+    for name, (prior, prior_sd, value, _) in update.loads.items():
+        if abs(value - prior) > NORMAL_999 * prior_sd:
+            load, unit = _load_words(name)
+            believed = f"{prior:.3g} +/- {NORMAL_95 * prior_sd:.2g}"
+            why = (
+                f"{load} in hover would be {value:.3g} {unit}, and the rotor file has {believed}: something "
+                "else is in these flights (coaxlink health and refine tell), or the file is another rotor's"
+            )
+            yield NotJudged("rotor_model", f"{MEASURES['rotor_model']}; {HOW}", why)
+
+
+def _load_words(name: str) -> tuple[str, str]:
+    """ "upper.thrust_N" in words, and its unit."""
+    return name.replace(".", " ").rpartition("_")[0], name.rpartition("_")[2].replace("Nm", "N m")
+
+
 def update_hangs_on(update: Update, logs: Sequence[Samples], vehicle: Vehicle) -> tuple[NotJudged, ...]:
-    """Premises that put a load in hover outside the interval that the flights give it."""
+    """Premises that put a load in hover outside the interval that the flights give it, or it outside its
+    prior."""
+    if beyond := tuple(beyond_prior(update)):
+        return beyond
     found: dict[str, NotJudged] = {}
     for moved in moves(vehicle.declared):
         if moved.premise in found:
@@ -131,8 +183,7 @@ def update_hangs_on(update: Update, logs: Sequence[Samples], vehicle: Vehicle) -
         for name, (_, _, value, sd) in update.loads.items():
             now = other.loads[name][2]
             if abs(now - value) > NORMAL_95 * sd:
-                unit = name.rpartition("_")[2].replace("Nm", "N m")
-                load = name.replace(".", " ").rpartition("_")[0]
+                load, unit = _load_words(name)
                 was = f"{value:.3g} +/- {NORMAL_95 * sd:.2g}"
                 why = f"{moved.words} {load} is {now:.3g} {unit} in place of {was}"
                 found[moved.premise] = not_judged(moved.premise, why)

@@ -15,7 +15,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples, read_flight_log
 from coaxlink.health.coefficients import coefficients_from_flights
-from coaxlink.health.premises import flown_by, judged
+from coaxlink.health.premises import flown_by, judged, update_hangs_on
 from coaxlink.residual import refine
 from coaxlink.residual.faults.inputs import checked
 from coaxlink.rotor import load_rotor_model
@@ -127,3 +127,19 @@ def test_field_escs_that_are_offline_frozen_or_negative(capsys):
                 frame, rotor = (path.parent / n for n in ("x8_paper.toml", "rotor_paper.toml"))
                 code, _, said = run(capsys, "identify", path, "--airframe", frame, "--rotor", rotor)
                 assert code == 0 and words in said
+
+
+def test_identify_refuses_speeds_that_the_commands_contradict_and_loads_outside_their_prior(sound):
+    t, noise = sound["time_s"], 3.0 * np.random.default_rng(1).standard_normal((8, sound.rows))
+    told = {f"rpm{n}": 5400.0 * sound[f"motor{n}"] + noise[n - 1] for n in range(1, 9)}
+    wanders = {"rpm5": told["rpm5"] * (1.0 + 0.2 * np.sin(t / 3.0))}
+    log = sound.with_columns(**told | wanders)
+    assert not flown_by(checked([sound.with_columns(**told)], X8), VEHICLE)
+    (reason,) = flown_by(checked([log], X8), VEHICLE)
+    assert reason.premise == "rpm" and "by the commands" in reason.why
+    # and where nothing else told: what comes out is what the rotor file calls impossible
+    frozen = {"rpm5": np.where(t > 10.0, 1.3 * told["rpm5"][500], told["rpm5"])}
+    log = sound.with_columns(**told | frozen)
+    update = coefficients_from_flights([log], X8, ROTORS)
+    reasons = update_hangs_on(update, [log], VEHICLE)
+    assert {r.premise for r in reasons} == {"rotor_model"} and "in hover would be" in reasons[0].why
