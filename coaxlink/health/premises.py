@@ -119,7 +119,7 @@ def flown_by(inputs: Inputs, vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged
         differs = other_vehicle(frame, [log])
         found += [d for d in differs if not (estimated and d.check == "lift" and _near(d.found))]
         found += [r for r in lacking(frame) if not (estimated and r.premise == "rotation")]
-        found += speeds_contradict(frame, log, vehicle)
+        found += () if found else speeds_contradict(frame, log, vehicle)
     return (*found, *damage(logs))
 
 

@@ -8,9 +8,11 @@ well stand still.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data.resolution import resolution_of
@@ -32,6 +34,14 @@ LATE_S = 0.015  # three periods of an autopilot's outputs (200 Hz): its clocks a
 LIMITS = ("MOT_SPIN_MIN", "MOT_SPIN_MAX")  # of ArduPilot; PX4's outputs end where a command is 0 or 1
 QUIET = 5.0  # usual pauses: a longer one is silence, as `data.logs.streams` has it of a gap
 OUTLIER = 3.0  # standard deviations: less is noise
+SLIGHT = (
+    0.01  # of a command: the thrust of two propellers of one mould differs by twice that (Brandt and Selig)
+)
+USUAL = 0.2  # of the usual command, judgement
+HALF = 0.5  # of what the others do not tell: so much has to be gone, judgement
+MOMENTS, PARTS = 40, 8  # effort
+# times the steps of the others, and of full command: 2 us of PWM's 1000, as autopilots round; judgement
+COARSER, COARSE_STEP = 4.0, 2e-3
 FEWEST = 1e-4  # of full command: what a mixer's own arithmetic leaves
 
 
@@ -63,7 +73,10 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     for name, rows in found.items():
         yield name, rows, "one command repeats exactly while the others move: it is no reading there"
     usable = free & ~np.any(list(held.values()), axis=0)
-    yield from _late(log, names, commands, usable)
+    if told := _Told.of(log, names, commands, usable):
+        yield from (
+            list(_coarse(log, names, commands, usable)) or [*_late(log, told), *_changed(log, told)][:1]
+        )
     for k, n in enumerate(rotors):
         if log.has(f"rpm{n}"):
             yield from _silent(log, f"rpm{n}", flying)
@@ -154,7 +167,7 @@ def _silent(log: Samples, name: str, flying: Mask) -> Iterator[Finding]:
         out[ends[k] + 1 : ends[k + 1]] = True
     out &= flying
     if out.any():
-        yield name, out, "no speed is told while its motor is commanded: the ESC is silent"
+        yield name, out, "no speed is logged while its motor is commanded: the ESC is silent"
 
 
 def _speed_held(log: Samples, name: str, command: Array, usable: Mask) -> Iterator[Finding]:
@@ -175,31 +188,123 @@ def _speed_held(log: Samples, name: str, command: Array, usable: Mask) -> Iterat
         yield name, rows, why
 
 
-def _late(log: Samples, names: Sequence[str], commands: Array, usable: Mask) -> Iterator[Finding]:
-    """A command that fits the others at another time: the one that then fits best, anew until none does."""
-    if commands.shape[1] <= DEMANDS or usable.sum() < LEAST_ROWS:
-        return
-    time = log["time_s"]
-    rows = np.flatnonzero(usable)
-    rows = rows[(time[rows] > time[rows[0]] + SHIFTS_S[-1]) & (time[rows] < time[rows[-1]] + SHIFTS_S[0])]
-    rows = rows[:: max(1, len(rows) // FIT_ROWS)]
-    if len(rows) < LEAST_ROWS:
-        return
-    best, late, gain = "", 0.0, 0.0
-    known = np.flatnonzero(np.isfinite(commands).all(axis=1))
+@dataclass(frozen=True)
+class _Told:
+    """Commands (rows, N) at rows that are free of limits and held columns, and what tells each: (rows, K)."""
+
+    names: Sequence[str]
+    time: Array
+    commands: Array
+    rows: NDArray[np.intp]
+    designs: list[Array]
+
+    @classmethod
+    def of(cls, log: Samples, names: Sequence[str], commands: Array, usable: Mask) -> _Told | None:
+        rows, reach = np.flatnonzero(usable), SHIFTS_S[-1]
+        if commands.shape[1] <= DEMANDS or not len(rows):
+            return None
+        time = log["time_s"]
+        rows = rows[(time[rows] > time[rows[0]] + reach) & (time[rows] < time[rows[-1]] - reach)]
+        rows = rows[:: max(1, len(rows) // FIT_ROWS)]
+        if len(rows) < LEAST_ROWS:
+            return None
+        designs = [_design(np.delete(commands, k, axis=1), usable)[rows] for k in range(len(names))]
+        return cls(names, time, commands, rows, designs)
+
+    def likeliest(self, ways: Callable[[int], tuple[Array, Array]]) -> tuple[str, int] | None:
+        """The column and the way that leave least of what the others do not tell, if that is sure: `ways`
+        give of a column what it leaves as it is (rows,), and (ways,) the mean squares that each leaves."""
+        best, most = None, 0.0
+        for k, name in enumerate(self.names):
+            rest, left = ways(k)
+            usual = float(np.mean(rest**2)) + FEWEST**2
+            at = int(np.argmin(left))
+            now = float(left[at]) + FEWEST**2
+            nats = 0.5 * len(rest) * _independent(rest) * float(np.log(usual / now)) - np.log(len(left))
+            # what one column is off by, fits to the others have in part
+            if nats > SURE and now < HALF * usual and usual - now > most:
+                best, most = (name, at), usual - now
+        return best
+
+
+def _rest(values: Array, design: Array) -> Array:
+    """(rows, M) what a fit leaves of columns."""
+    return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
+
+
+def _late(log: Samples, told: _Told) -> Iterator[Finding]:
+    """A command that fits the others at another time."""
+    known = np.flatnonzero(np.isfinite(told.commands).all(axis=1))
     none = int(np.argmin(np.abs(SHIFTS_S)))
-    for k, name in enumerate(names):
-        design = _design(np.delete(commands, k, axis=1), usable)[rows]
-        moved = np.stack(
-            [np.interp(time[rows] + s, time[known], commands[known, k]) for s in SHIFTS_S], axis=1
-        )
-        rest = moved - design @ np.linalg.lstsq(design, moved, rcond=None)[0]
-        left = np.mean(rest**2, axis=0) + FEWEST**2
-        at = int(np.argmin(left))
-        nats = 0.5 * len(rows) * _independent(rest[:, none]) * float(np.log(left[none] / left[at]))
-        if abs(SHIFTS_S[at]) > LATE_S and nats > max(gain, SURE) and left[at] < 0.5 * left[none]:
-            best, late, gain = name, float(SHIFTS_S[at]), nats
-    if best:
+    early = told.time[told.rows][:, None] + SHIFTS_S
+
+    def ways(k: int) -> tuple[Array, Array]:
+        moved = np.interp(early, told.time[known], told.commands[known, k])
+        rest = _rest(moved, told.designs[k])
+        return rest[:, none], np.mean(rest**2, axis=0)
+
+    best = told.likeliest(ways)
+    if best and abs(SHIFTS_S[best[1]]) > LATE_S:
+        late = float(SHIFTS_S[best[1]])
         way = "late" if late > 0.0 else "early"
         why = f"it fits the other commands {1000.0 * abs(late):.0f} ms {way}: this column's stamps are off"
-        yield best, np.ones(log.rows, bool), why
+        yield best[0], np.ones(log.rows, bool), why
+
+
+def _changed(log: Samples, told: _Told) -> Iterator[Finding]:
+    """A command that from some moment on has another zero or scale against the others."""
+    total = told.commands[told.rows].sum(axis=1)
+    usual = (
+        np.abs(total / np.median(total) - 1.0) < USUAL
+    )  # a mixer's curve is another near the ground's idle
+    told = replace(told, rows=told.rows[usual], designs=[d[usual] for d in told.designs])
+    time = told.time[told.rows]
+    if len(time) < LEAST_ROWS:
+        return
+    moments = np.quantile(time, np.linspace(0.1, 0.9, MOMENTS))
+    after = (time[:, None] >= moments).astype(float)
+
+    def ways(k: int) -> tuple[Array, Array]:
+        own = told.commands[told.rows, k]
+        both = np.concatenate([own[:, None], after, after * (own - own.mean())[:, None]], axis=1)
+        rest, x, z = np.split(_rest(both, told.designs[k]), [1, 1 + MOMENTS], axis=1)
+        # least squares on two columns each, in closed form
+        xx, zz, xz = (np.sum(a * b, axis=0) for a, b in ((x, x), (z, z), (x, z)))
+        xy, zy = rest[:, 0] @ x, rest[:, 0] @ z
+        gain = (xy**2 * zz - 2.0 * xy * zy * xz + zy**2 * xx) / np.maximum(xx * zz - xz**2, 1e-30)
+        fewer = np.minimum(after.sum(axis=0), len(time) - after.sum(axis=0))
+        gain[(gain < fewer * (SLIGHT * own.mean()) ** 2) | ~_sharp(rest[:, 0], time, moments)] = 0.0
+        return rest[:, 0], np.maximum(np.mean(rest**2) - gain / len(time), 0.0)
+
+    if best := told.likeliest(ways):
+        why = f"at {moments[best[1]]:.1f} s its zero or scale changes against the other commands"
+        yield best[0], np.ones(log.rows, bool), why
+
+
+def _sharp(rest: Array, time: Array, moments: Array) -> Mask:
+    """(moments,) near which what is left (rows,) jumps within a second, and stays for three, by more than it
+    is usually off by: a take-off, a hard turn, a pack that empties change it slowly or for a moment."""
+    total, at = np.concatenate([[0.0], np.cumsum(rest)]), np.arange(len(time))
+    jump = np.full(len(time), np.inf)
+    for seconds in (1.0, 3.0):
+        first, last = (np.searchsorted(time, time + d) for d in (-seconds, seconds))
+        after = (total[last] - total[at]) / np.maximum(last - at, 1)
+        before = (total[at] - total[first]) / np.maximum(at - first, 1)
+        jump = np.minimum(jump, np.abs(after - before))
+    near = 0.75 * float(np.max(np.diff(moments), initial=1.0))
+    most = [jump[np.abs(time - m) <= near].max(initial=0.0) for m in moments]
+    return np.asarray(np.array(most) > np.std(rest))
+
+
+def _coarse(log: Samples, names: Sequence[str], commands: Array, flying: Mask) -> Iterator[Finding]:
+    """A command that moves in far larger steps than the others, in some part of the flight."""
+    for rows in np.array_split(np.flatnonzero(flying), PARTS):
+        steps = np.array([resolution_of(commands[rows, k]) for k in range(len(names))])
+        if len(rows) < LEAST_ROWS or not np.isfinite(steps).all():
+            continue
+        k = int(np.argmax(steps))
+        others = float(np.max(np.delete(steps, k)))
+        if steps[k] > max(COARSER * others, COARSE_STEP):
+            why = f"it moves in steps of {steps[k]:.2g}, the other commands in {others:.1g}: rounded"
+            yield names[k], np.ones(log.rows, bool), why
+            return

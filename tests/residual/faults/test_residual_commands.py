@@ -108,3 +108,22 @@ def test_a_speed_that_stands_still_or_is_silent_is_no_reading() -> None:
             log["rpm3"][:] = 3000.0
             ((column, rows, _),) = found(log)
             assert column == "rpm3" and rows[200:-200].all()
+
+
+def test_a_command_whose_zero_or_scale_changes_on_the_way_is_told() -> None:
+    t = flown()["time_s"]
+    with case_table() as case:
+        for factor, off in ((1.06, 0.0), (0.9, 0.0), (1.0, 0.02)):
+            with case(f"{factor}, {off}"):
+                log = flown()
+                log["motor5"] = np.where(t > 31.0, factor * log["motor5"] + off, log["motor5"])
+                ((column, rows, why),) = found(log)
+                assert column == "motor5" and rows.all() and "changes against the other commands" in why
+                assert abs(float(why.split()[1]) - 31.0) < 2.0
+
+
+def test_a_command_that_alone_is_rounded_is_told() -> None:
+    log = flown()
+    log["motor5"] = 0.01 * np.round(log["motor5"] / 0.01)
+    ((column, _, why),) = found(log)
+    assert column == "motor5" and "steps of 0.01" in why
