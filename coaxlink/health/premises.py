@@ -28,7 +28,7 @@ from coaxlink.premises import (
 )
 from coaxlink.premises.moves import HOW, MEASURES, UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
-from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.residual.channels.flight import flight_frame, flown, reduce_columns
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.refine import vehicle_differs
 from coaxlink.vehicle import Vehicle
@@ -43,6 +43,11 @@ def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> H
 
     Raises InputError when a log lacks what every flight needs.
     """
+    if not vehicle_differs(logs, vehicle.declared):
+        kept = flown(logs, vehicle.declared, vehicle.rotors)
+        sources = {log.source for log in kept}
+        names = [name for log, name in zip(logs, names, strict=True) if log.source in sources]
+        logs = kept
     granted = dict.fromkeys(PREMISES[p] for log in logs for p in log.premises)
     with threadpool_limits(limits=1, user_api="blas"):  # many small products
         inputs = checked(logs, vehicle.declared)
