@@ -125,13 +125,15 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     names = [(load, term) for load, terms in prior.terms().items() for term in terms]
     mean = np.array([prior.terms()[load][term] for load, term in names])
     covariance, notes = prior_covariance(prior, names, mean)
-    measured = all(tells_speeds(log, airframe) for log in logs)
+    measured = all(has_speeds(log, airframe) for log in logs)
     if measured:
         logs = [by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
         numbers = [r.number for r in airframe.rotors]
-        silent = [n for n in numbers if not all(tells_speed(log, n) for log in logs)]
-        notes += tuple(f"rotor {n} tells no speed: it turns by its command as the others do" for n in silent)
+        silent = [n for n in numbers if not all(has_speed(log, n) for log in logs)]
+        notes += tuple(
+            f"rotor {n} has no logged speed: it turns by its command as the others do" for n in silent
+        )
     else:
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
@@ -209,7 +211,7 @@ def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
 
     What a command means drifts with the pack and the windings: rpm tell it, late and coarsely as they come.
     What happens within seconds they tell too late. The slope is that of both over STEADY_S, commands through
-    the declared lag, with proportion as its prior: a hover alone says nothing of it. A rotor that tells no
+    the declared lag, with proportion as its prior: a hover alone says nothing of it. A rotor without a
     speed turns by its command as the others do.
     """
     given = np.stack([log[f"motor{rotor.number}"] for rotor in airframe.rotors], axis=1)
@@ -217,7 +219,7 @@ def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
     asked = airframe.turned(model, np.where(impossible_commands(given), np.nan, given), volts)
     turned, ratios = {}, {}
     for rotor, command in zip(airframe.rotors, asked.T, strict=True):
-        speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm if tells_speed(log, rotor.number) else None
+        speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm if has_speed(log, rotor.number) else None
         if speed is not None:
             turned[rotor.number], ratios[rotor.number] = _turned(command, speed, log, airframe.motor_lag_s)
     usual = float(np.median(list(ratios.values())))
@@ -227,16 +229,16 @@ def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
     return log.with_columns(**{f"motor{n}": speeds for n, speeds in turned.items()})
 
 
-def tells_speed(log: Samples, rotor: int) -> bool:
+def has_speed(log: Samples, rotor: int) -> bool:
     """Whether there are speeds of a rotor while it was commanded."""
     if not log.has(f"rpm{rotor}"):
         return False
     return int(np.sum((log[f"rpm{rotor}"] > 0.0) & (log[f"motor{rotor}"] > TURNING))) >= LEAST_ROWS
 
 
-def tells_speeds(log: Samples, airframe: Airframe) -> bool:
-    """Whether more than half of the rotors tell theirs (judgement)."""
-    return 2 * sum(tells_speed(log, r.number) for r in airframe.rotors) > len(airframe.rotors)
+def has_speeds(log: Samples, airframe: Airframe) -> bool:
+    """Whether more than half of the rotors have theirs (judgement)."""
+    return 2 * sum(has_speed(log, r.number) for r in airframe.rotors) > len(airframe.rotors)
 
 
 def _turned(command: Array, speed: Array, log: Samples, lag_s: float) -> tuple[Array, float]:

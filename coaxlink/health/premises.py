@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from coaxlink.constants import NORMAL_95
 from coaxlink.data.samples import PREMISES, Samples
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.health.coefficients import Update, by_speed, coefficients_from_flights, tells_speeds
+from coaxlink.health.coefficients import Update, by_speed, coefficients_from_flights, has_speeds
 from coaxlink.health.columns import reduced
 from coaxlink.health.judge import Health, judge
 from coaxlink.health.priors import GROUND
@@ -130,18 +130,18 @@ def flown_by(inputs: Inputs, vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged
 
 def speeds_contradict(frame: FlightFrame, log: Samples, vehicle: Vehicle) -> Iterator[NotJudged]:
     """Speeds of the ESCs by which the model is much further off than by the commands: whatever the rotors do,
-    what they turned at tells it better than what they were told."""
+    what they turned at explains it better than what they were asked for."""
     body, model = vehicle.declared, vehicle.rotors
-    if not tells_speeds(log, body):
+    if not has_speeds(log, body):
         return
     turned = flight_frame([by_speed(log, body, model)], body, model.by_speed())
-    told, asked = _moves(turned), _moves(frame)
-    wrong = np.where(told > FELT * frame.reference, told / asked, 0.0)
+    turns, asked = _moves(turned), _moves(frame)
+    wrong = np.where(turns > FELT * frame.reference, turns / asked, 0.0)
     k = int(np.argmax(wrong))
     if wrong[k] > SEVERAL:
         channel, unit = FLIGHT_CHANNELS[k].replace("_", " "), FLIGHT_UNITS[k]
         why = (
-            f"{channel} of the model is {told[k]:.2g} {unit} off by the ESCs' rpm, {asked[k]:.2g} {unit} by "
+            f"{channel} of the model is {turns[k]:.2g} {unit} off by the ESCs' rpm, {asked[k]:.2g} {unit} by "
             "the commands: some rpm are none"
         )
         yield NotJudged("rpm", "by a log whose rpm go with the commands, or without its rpm columns", why)
@@ -165,7 +165,7 @@ def beyond_prior(update: Update) -> Iterator[NotJudged]:
             believed = f"{prior:.3g} +/- {NORMAL_95 * prior_sd:.2g}"
             why = (
                 f"{load} in hover would be {value:.3g} {unit}, and the rotor file has {believed}: something "
-                "else is in these flights (coaxlink health and refine tell), or the file is another rotor's"
+                "else is in these flights (coaxlink health, refine), or the file is another rotor's"
             )
             yield NotJudged("rotor_model", f"{MEASURES['rotor_model']}; {HOW}", why)
 

@@ -1,6 +1,6 @@
 """What the commands of a log tell of one another, and of the speeds: a mixer has four demands.
 
-Of N commands N - 4 are told by the rest, and a speed by its own command. Where a column stands still to its
+Of N commands N - 4 follow from the rest, and a speed from its own command. Where a column stands still to its
 last digit and what the others make of it moves away, it is no reading there; a command that fits the others
 only at another time is late. At a limit that commands reach in the air, and none goes beyond, a command may
 well stand still.
@@ -38,7 +38,7 @@ SLIGHT = (
     0.01  # of a command: the thrust of two propellers of one mould differs by twice that (Brandt and Selig)
 )
 USUAL = 0.2  # of the usual command, judgement
-HALF = 0.5  # of what the others do not tell: so much has to be gone, judgement
+HALF = 0.5  # of what the others do not explain: so much has to be gone, judgement
 MOMENTS, PARTS = 40, 8  # effort
 # times the steps of the others, and of full command: 2 us of PWM's 1000, as autopilots round; judgement
 COARSER, COARSE_STEP = 4.0, 2e-3
@@ -73,9 +73,10 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     for name, rows in found.items():
         yield name, rows, "one command repeats exactly while the others move: it is no reading there"
     usable = free & ~np.any(list(held.values()), axis=0)
-    if told := _Told.of(log, names, commands, usable):
+    if free_rows := _Free.of(log, names, commands, usable):
         yield from (
-            list(_coarse(log, names, commands, usable)) or [*_late(log, told), *_changed(log, told)][:1]
+            list(_coarse(log, names, commands, usable))
+            or [*_late(log, free_rows), *_changed(log, free_rows)][:1]
         )
     for k, n in enumerate(rotors):
         if log.has(f"rpm{n}"):
@@ -154,13 +155,13 @@ def _independent(rest: Array, every: int = 1) -> float:
 
 
 def _silent(log: Samples, name: str, flying: Mask) -> Iterator[Finding]:
-    """Where a speed that is told elsewhere is not: from QUIET of its usual pauses on."""
-    told, rows = np.flatnonzero(np.isfinite(log[name])), np.flatnonzero(flying)
-    if not len(told):
+    """Where a speed that is logged elsewhere is not: from QUIET of its usual pauses on."""
+    known, rows = np.flatnonzero(np.isfinite(log[name])), np.flatnonzero(flying)
+    if not len(known):
         return
-    usual = float(np.median(np.diff(log["time_s"][told]))) if len(told) > 1 else 0.0
+    usual = float(np.median(np.diff(log["time_s"][known]))) if len(known) > 1 else 0.0
     longest = max(QUIET * usual, STUCK_S)
-    ends = np.concatenate([[rows[0] - 1], told[flying[told]], [rows[-1] + 1]])
+    ends = np.concatenate([[rows[0] - 1], known[flying[known]], [rows[-1] + 1]])
     inside = np.clip(ends, 0, log.rows - 1)
     out = np.zeros(log.rows, bool)
     for k in np.flatnonzero(np.diff(log["time_s"][inside]) > longest):
@@ -189,8 +190,8 @@ def _speed_held(log: Samples, name: str, command: Array, usable: Mask) -> Iterat
 
 
 @dataclass(frozen=True)
-class _Told:
-    """Commands (rows, N) at rows that are free of limits and held columns, and what tells each: (rows, K)."""
+class _Free:
+    """Commands (rows, N) at rows free of limits and held columns, and each one's regressors (rows, K)."""
 
     names: Sequence[str]
     time: Array
@@ -199,7 +200,7 @@ class _Told:
     designs: list[Array]
 
     @classmethod
-    def of(cls, log: Samples, names: Sequence[str], commands: Array, usable: Mask) -> _Told | None:
+    def of(cls, log: Samples, names: Sequence[str], commands: Array, usable: Mask) -> _Free | None:
         rows, reach = np.flatnonzero(usable), SHIFTS_S[-1]
         if commands.shape[1] <= DEMANDS or not len(rows):
             return None
@@ -212,7 +213,7 @@ class _Told:
         return cls(names, time, commands, rows, designs)
 
     def likeliest(self, ways: Callable[[int], tuple[Array, Array]]) -> tuple[str, int] | None:
-        """The column and the way that leave least of what the others do not tell, if that is sure: `ways`
+        """The column and the way that leave least unexplained by the others, if that is sure: `ways`
         give of a column what it leaves as it is (rows,), and (ways,) the mean squares that each leaves."""
         best, most = None, 0.0
         for k, name in enumerate(self.names):
@@ -232,18 +233,18 @@ def _rest(values: Array, design: Array) -> Array:
     return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
 
 
-def _late(log: Samples, told: _Told) -> Iterator[Finding]:
+def _late(log: Samples, free: _Free) -> Iterator[Finding]:
     """A command that fits the others at another time."""
-    known = np.flatnonzero(np.isfinite(told.commands).all(axis=1))
+    known = np.flatnonzero(np.isfinite(free.commands).all(axis=1))
     none = int(np.argmin(np.abs(SHIFTS_S)))
-    early = told.time[told.rows][:, None] + SHIFTS_S
+    early = free.time[free.rows][:, None] + SHIFTS_S
 
     def ways(k: int) -> tuple[Array, Array]:
-        moved = np.interp(early, told.time[known], told.commands[known, k])
-        rest = _rest(moved, told.designs[k])
+        moved = np.interp(early, free.time[known], free.commands[known, k])
+        rest = _rest(moved, free.designs[k])
         return rest[:, none], np.mean(rest**2, axis=0)
 
-    best = told.likeliest(ways)
+    best = free.likeliest(ways)
     if best and abs(SHIFTS_S[best[1]]) > LATE_S:
         late = float(SHIFTS_S[best[1]])
         way = "late" if late > 0.0 else "early"
@@ -251,23 +252,23 @@ def _late(log: Samples, told: _Told) -> Iterator[Finding]:
         yield best[0], np.ones(log.rows, bool), why
 
 
-def _changed(log: Samples, told: _Told) -> Iterator[Finding]:
+def _changed(log: Samples, free: _Free) -> Iterator[Finding]:
     """A command that from some moment on has another zero or scale against the others."""
-    total = told.commands[told.rows].sum(axis=1)
+    total = free.commands[free.rows].sum(axis=1)
     usual = (
         np.abs(total / np.median(total) - 1.0) < USUAL
     )  # a mixer's curve is another near the ground's idle
-    told = replace(told, rows=told.rows[usual], designs=[d[usual] for d in told.designs])
-    time = told.time[told.rows]
+    free = replace(free, rows=free.rows[usual], designs=[d[usual] for d in free.designs])
+    time = free.time[free.rows]
     if len(time) < LEAST_ROWS:
         return
     moments = np.quantile(time, np.linspace(0.1, 0.9, MOMENTS))
     after = (time[:, None] >= moments).astype(float)
 
     def ways(k: int) -> tuple[Array, Array]:
-        own = told.commands[told.rows, k]
+        own = free.commands[free.rows, k]
         both = np.concatenate([own[:, None], after, after * (own - own.mean())[:, None]], axis=1)
-        rest, x, z = np.split(_rest(both, told.designs[k]), [1, 1 + MOMENTS], axis=1)
+        rest, x, z = np.split(_rest(both, free.designs[k]), [1, 1 + MOMENTS], axis=1)
         # least squares on two columns each, in closed form
         xx, zz, xz = (np.sum(a * b, axis=0) for a, b in ((x, x), (z, z), (x, z)))
         xy, zy = rest[:, 0] @ x, rest[:, 0] @ z
@@ -276,13 +277,13 @@ def _changed(log: Samples, told: _Told) -> Iterator[Finding]:
         gain[(gain < fewer * (SLIGHT * own.mean()) ** 2) | ~_sharp(rest[:, 0], time, moments)] = 0.0
         return rest[:, 0], np.maximum(np.mean(rest**2) - gain / len(time), 0.0)
 
-    if best := told.likeliest(ways):
+    if best := free.likeliest(ways):
         why = f"at {moments[best[1]]:.1f} s its zero or scale changes against the other commands"
         yield best[0], np.ones(log.rows, bool), why
 
 
 def _sharp(rest: Array, time: Array, moments: Array) -> Mask:
-    """(moments,) near which what is left (rows,) jumps within a second, and stays for three, by more than it
+    """(moments,) near which a remainder (rows,) jumps within a second, and stays for three, by more than it
     is usually off by: a take-off, a hard turn, a pack that empties change it slowly or for a moment."""
     total, at = np.concatenate([[0.0], np.cumsum(rest)]), np.arange(len(time))
     jump = np.full(len(time), np.inf)

@@ -3,7 +3,7 @@
 Columns are held against each other alone (`flight_faults`, `commands`), whatever rotors and airframe do. What
 is no reading for a part of a log is emptied there, and a flight has a gap; of a column that a flight can be
 judged without, that column goes. A log whose labels, signs or scales are wrong, or that was blind for most
-of its time, can tell nothing.
+of its time, is of no use.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Inputs:
 
     logs: tuple[Samples, ...]
     suspects: tuple[Suspect, ...] = ()
-    blind: tuple[Suspect, ...] = ()  # of these, what makes a log as a whole tell nothing
+    blind: tuple[Suspect, ...] = ()  # of these, what makes a log as a whole useless
 
 
 def checked(logs: Sequence[Samples], airframe: Airframe) -> Inputs:
@@ -55,10 +55,10 @@ def checked(logs: Sequence[Samples], airframe: Airframe) -> Inputs:
     return Inputs(tuple(kept), tuple(suspects), tuple(blind))
 
 
-def _names(told: str) -> list[str]:
+def _names(finding: str) -> list[str]:
     """The columns that a finding names: "accel_*, gyro_*" are six."""
     out: list[str] = []
-    for name in told.split(", "):
+    for name in finding.split(", "):
         stem = name.removesuffix("*")
         out += [name] if stem == name else [n for n in NEEDED if n.startswith(stem)]
     return out
