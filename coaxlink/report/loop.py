@@ -68,7 +68,7 @@ def _doubts(result: LoopResult) -> Iterator[str]:
     for u in found.unexplained:
         yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"
     for s in found.suspect_data:
-        yield f"suspect: {s.column}, rows {s.rows}: {s.why}"
+        yield s.line()
 
 
 def table_of(result: LoopResult) -> Any:

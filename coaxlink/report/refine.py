@@ -163,7 +163,7 @@ def remarks(result: Refinement) -> Iterator[str]:
     if result.surface and not result.at_floor:
         yield f"beside that the loads are no polynomials of the speeds: {surface(result)}"
     for s in result.suspect_data:
-        yield f"suspect: {s.column}, rows {s.rows}: {s.why}"
+        yield s.line()
     for r in result.rejected:
         if r.why.startswith("cannot be judged"):
             yield f"{r.name}: {r.why}"

@@ -37,6 +37,7 @@ from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.row_order import in_order_of_time
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.faults.flight_faults import motors_too_many
+from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.nuisance.flight_corrections import (
     ACCEL_BIAS_M_S2,
     LEVEL,
@@ -71,10 +72,12 @@ def refine(
     several = _several(logs)
 
     def run() -> Refinement:
+        progress("are these readings?")
+        inputs = checked(several, airframe)
         progress("aligning")
-        bare = flight_frame(several, airframe, model)
-        found = judge_flight(several, bare, progress)
-        differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, several))
+        bare = flight_frame(inputs.logs, airframe, model)
+        found = judge_flight(inputs, bare, progress)
+        differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, inputs.logs))
         if found.suspect_data and not found.effects:
             # an instrument that is wrong makes another vehicle of this one; its motors it leaves alone
             differs = tuple(d for d in differs if d.check in ("motors", "outputs"))
@@ -86,7 +89,7 @@ def refine(
         lacks = [*lacking(bare), *at_bounds(found, bare), *damage(several, names)]
         if not lacks:
             progress("moving what nobody measured")
-            lacks = _hangs_on(found, several, bare)
+            lacks = _hangs_on(found, inputs, bare)
         return found.claiming_nothing(lacks) if lacks else found
 
     def noted() -> Refinement:
@@ -142,7 +145,7 @@ def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
         yield not_judged("motor_lag_s", "the flight asks for another one than none")
 
 
-def _hangs_on(found: Refinement, logs: Sequence[Samples], bare: FlightFrame) -> list[NotJudged]:
+def _hangs_on(found: Refinement, inputs: Inputs, bare: FlightFrame) -> list[NotJudged]:
     """Premises that change the set of names when they are moved."""
     hangs: dict[str, NotJudged] = {}
     for moved in moves(bare.airframe):
@@ -151,7 +154,7 @@ def _hangs_on(found: Refinement, logs: Sequence[Samples], bare: FlightFrame) -> 
         declared = moved.premise == "mass_kg"
         if moved.premise in hangs or (declared and (not names or _held(moved, found, bare))):
             continue
-        other = judge_flight(logs, as_if(bare, moved.airframe), lambda _: None)
+        other = judge_flight(inputs, as_if(bare, moved.airframe), lambda _: None)
         now = other.names - {own}
         # somebody's word counts where the log bears it out against the other number
         if now == names or (declared and _error(other) > _error(found) + CLEARLY):

@@ -96,6 +96,10 @@ class Suspect:
     rows: str
     why: str
 
+    def line(self) -> str:
+        """In one line."""
+        return f"suspect: {self.column}, rows {self.rows}: {self.why}"
+
 
 @dataclass(frozen=True)
 class Rejected:

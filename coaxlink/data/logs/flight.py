@@ -14,7 +14,7 @@ from coaxlink.data.logs.dataflash_text import is_dataflash_text
 from coaxlink.data.logs.streams import at_the_commands
 from coaxlink.data.marks import LOOKS, foreign
 from coaxlink.data.quiet import one_line
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import SIGNED_SPEEDS, Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
 from firmware_params import bounded
@@ -56,7 +56,17 @@ def read_flights(path: Path, system: int | None = None) -> list[Samples]:
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
     Raises InputError.
     """
-    path = Path(path)
+    return [_amounts(log) for log in _read(Path(path), system)]
+
+
+def _amounts(log: Samples) -> Samples:
+    """With speeds as amounts: an ESC that tells the direction by the sign tells a speed."""
+    rpm = {n: c for n, c in log.columns.items() if n.startswith("rpm")}
+    signed = {n: np.abs(c) for n, c in rpm.items() if np.sum(c < 0.0) > np.sum(c > 0.0)}
+    return log.with_columns(**signed).on_premises(SIGNED_SPEEDS) if signed else log
+
+
+def _read(path: Path, system: int | None) -> list[Samples]:
     kind = log_kind(path)
     try:
         if kind == "ulog":

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from coaxlink.data.samples import Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.channels.flight_floor import floor_behind
 from coaxlink.residual.channels.velocity_noise import felt_noise
@@ -31,12 +30,12 @@ from coaxlink.residual.diagnosis.mass_or_thrust import doubt, scales
 from coaxlink.residual.diagnosis.report import Fitted, fitted_about
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
-from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
+from coaxlink.residual.faults.flight_faults import rotor_faults
+from coaxlink.residual.faults.inputs import Inputs
 from coaxlink.residual.members import Member
 from coaxlink.residual.result import AT, Ambiguous, Refinement, Unexplained
 
 Progress = Callable[[str], None]
-LEAST_ROWS = 80  # judged rows of a flight
 MUCH_LEFT = 2.5  # of the floor: a channel that holds more tells neither its level nor its scale
 NO_FLIGHT = "no flight within reach distinguishes them: measure what each needs"
 NO_PLACE = 1e-4  # probability: less is not told
@@ -45,16 +44,15 @@ LOOK = (
 )
 
 
-def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progress) -> Refinement:
+def judge_flight(inputs: Inputs, bare: FlightFrame, progress: Progress) -> Refinement:
     """What these flights, aligned as `bare`, say of the model."""
-    suspects, bad, mislabelled = flight_suspects(bare, several)
-    bare = without_flagged(bare, suspects)
-    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
-        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
+    # of sensors that lie torques tell nothing
+    wrong = () if inputs.blind else rotor_faults(bare)
+    suspects = (*inputs.suspects, *wrong)
     progress("fitting candidates")
     ch = flight_channels(bare)
     found, said, lead, left = None, NOTHING, None, None
-    if not mislabelled:
+    if not (inputs.blind or wrong):
         found = searched(ch, progress)
         progress("weighing the residual")
         said, lead, left = decided_in_flight(found)
@@ -76,7 +74,7 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         (suspects, [*ch.notes, *_lacking(ch.frame, explained)]),
         [*doubts, *_of_lift(fitted, acting, said, explained), *between] if found else [],
         _open_ends(found, lead, left, said) if found and lead and left else [],
-        several,
+        inputs.logs,
     )
     out = _sure_of_place(out, where)
     if found is None or lead is None:
