@@ -9,7 +9,9 @@ import typer
 
 from coaxlink.cli.shared.completion import FIRMWARES, one_of
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
+from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import say
+from coaxlink.cli.upload import SystemOption
 
 
 def bridge(
@@ -25,6 +27,7 @@ def bridge(
     back: Annotated[
         bool, typer.Option("--back", help="With --connect: take extras.txt off the card again.")
     ] = False,
+    system: SystemOption = None,
     hold_ms: Annotated[
         int, typer.Option(min=20, max=500, help="ArduPilot: on so much silence the matrix flies again.")
     ] = 100,
@@ -40,7 +43,7 @@ def bridge(
     if firmware != "px4" and (connect or back):
         raise InputError("--connect", "", "--firmware px4 is expected; for ArduPilot: coaxlink upload DIR")
     if back:
-        _take_off_the_card(connect)
+        _take_off_the_card(connect, system)
         return
     if firmware == "px4":
         vehicle, rotors = vehicle_of(airframe, rotor)
@@ -55,28 +58,26 @@ def bridge(
     for name, text in contents.items():
         files.write_atomic(out / name, text)
     if connect:
-        _put_on_the_card(connect, contents["etc/extras.txt"])
+        _put_on_the_card(connect, system, contents["etc/extras.txt"])
         following = "restart the board, propellers off; coax_mixer status in its console says this vehicle"
     say("\n".join([*(str(out / name) for name in contents), f"next: {following}"]))
 
 
-def _put_on_the_card(url: str, text: str) -> None:
+def _put_on_the_card(url: str, system: int | None, text: str) -> None:
     from coaxlink.live.onboard import card
-    from coaxlink.mavlink import connect
 
-    with connect(url, station=True) as session:
+    with vehicle_at(url, system=system, station=True) as session:
         card.put_extras(session, text)
     say(f"{card.PATH} is on the card: the module starts with the next boot")
 
 
-def _take_off_the_card(url: str) -> None:
+def _take_off_the_card(url: str, system: int | None) -> None:
     from coaxlink.errors import InputError
     from coaxlink.live.onboard import card
-    from coaxlink.mavlink import connect
 
     if not url:
         raise InputError("--back", "", "--connect URL is expected")
-    with connect(url, station=True) as session:
+    with vehicle_at(url, system=system, station=True) as session:
         was = card.remove_extras(session)
     gone = f"{card.PATH} is off the card" if was else f"there was no {card.PATH}"
     say(f"{gone}: PX4's own control allocator flies from the next boot on")

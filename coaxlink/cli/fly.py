@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli.shared.line import address_of, introduced
+from coaxlink.cli.shared.line import address_of, vehicle_at
 from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.cli.shared.stand import at_a_terminal
 from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
@@ -76,7 +76,6 @@ def fly(
     from coaxlink.fly.limits import FlightLimits
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.plans import peaks, plan_of
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.station import hear_words
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
@@ -98,16 +97,10 @@ def fly(
         f"{most['radius_m']:.1f} m away at most, {most['speed_m_s']:.1f} m/s, {most['tilt_deg']:.0f} degrees"
     )
     try:
-        with (
-            open_session(
-                connect,
-                timeout_s=timeout,
-                target_system=system,
-                signing_key=signing_key,
-                record=None if dry_run else out / "flight.tlog",
-            ) as line,
-            introduced(line) as session,
-        ):
+        record = None if dry_run else out / "flight.tlog"
+        with vehicle_at(
+            connect, timeout_s=timeout, system=system, signing_key=signing_key, record=record
+        ) as session:
             hear_words(session)
             pilot = Pilot(session, limits)
             pilot.check(planned)

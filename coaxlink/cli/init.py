@@ -10,6 +10,7 @@ import typer
 
 from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
 from coaxlink.cli.shared.shell import JsonOption, say
+from coaxlink.cli.upload import SystemOption
 from coaxlink.errors import InputError
 from firmware_params.plain import name_problem
 
@@ -42,6 +43,7 @@ def init(
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Read it from this board.")] = "",
     timeout: TimeoutOption = WAIT_S,
+    system: SystemOption = None,
     arm: Annotated[
         float | None, typer.Option(metavar="M", help="Centre to rotor, where the source holds no lengths.")
     ] = None,
@@ -77,7 +79,7 @@ def init(
     for output in (out, picture, json_file):
         files.refuse_unwritable(output)
     model = load_rotors(rotor) if rotor else None
-    layout = _layout(template, source, script, connect, timeout, mass)
+    layout = _layout(template, source, script, connect, timeout, system, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)
     body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia), lag)
@@ -113,6 +115,7 @@ def _layout(
     script: Path | None,
     connect: str,
     timeout_s: float,
+    system: int | None,
     mass_kg: float | None,
 ) -> Layout:
     from coaxlink import setup
@@ -127,7 +130,7 @@ def _layout(
         )
     if template:
         return setup.template(template)
-    return layout_of_file(source, script) if source else layout_of_board(connect, timeout_s)
+    return layout_of_file(source, script) if source else layout_of_board(connect, timeout_s, system)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ import typer
 
 from coaxlink.cli.shared.completion import laws
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
-from coaxlink.cli.shared.line import address_of, introduced, tell_news
+from coaxlink.cli.shared.line import address_of, tell_news, vehicle_at
 from coaxlink.cli.shared.next import unanswered
 from coaxlink.cli.shared.shell import JsonOption, figure, say
 from coaxlink.cli.upload import SigningOption, SystemOption, VehicleConnectOption
@@ -72,7 +72,6 @@ def mix(
     from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.live.paths import may_be_bridged, own_curve
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
     where = address_of(connect, airframe)
@@ -84,10 +83,7 @@ def mix(
     # the first call compiles, or fills caches: never in flight
     chosen.speeds([GRAVITY_M_S2 * frame.mass_kg, 0.0, 0.0, 0.0])
     log = record / "mix.tlog" if record else None
-    with (
-        open_session(where, target_system=system, signing_key=signing_key, record=log) as line,
-        introduced(line) as session,
-    ):
+    with vehicle_at(where, system=system, signing_key=signing_key, record=log) as session:
         alone(session)
         _require_path(session)
         live_record = _record(record, vehicle, law)

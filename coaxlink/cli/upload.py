@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import address_of, introduced
+from coaxlink.cli.shared.line import address_of, typed_again, vehicle_at
 from coaxlink.cli.shared.next import after_upload
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
@@ -66,7 +66,6 @@ def upload(
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
     from coaxlink.cli.shared.rate_loops import kept_airframe, said_first
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.outcome import REFUSED, VERIFIED, Outcome
     from coaxlink.uploading.plan import load_plan, refuse_values
     from coaxlink.uploading.worker import Uploader
@@ -80,12 +79,9 @@ def upload(
         refuse_values(plan.firmware, plan.params, plan.files[0])
     except SafetyRefusal as error:
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
-    with (
-        open_session(
-            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
-        ) as line,
-        introduced(line) as session,
-    ):
+    with vehicle_at(
+        connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
+    ) as session:
         talk = replace(
             conversation(yes or dry_run), present=said_first(source, plan, spin_from_table=spin_from_table)
         )
@@ -100,7 +96,7 @@ def upload(
         )
     finish(outcome, json_file)
     if outcome.result == VERIFIED:
-        say(after_upload(source, connect))
+        say(after_upload(source, typed_again(connect, system)))
 
 
 def conversation(yes: bool) -> Talk:

@@ -92,7 +92,7 @@ def fly(
             meter.begun = True
             watch(f"{name}: {segment}", t)
 
-        with connect(address, record=log) as session:
+        with connect(address, record=log, target_system=1) as session:
             for message_id, rate_hz in STREAMS.items():
                 session.request_stream(message_id, rate_hz)
             for parameter, value in parameters.items():

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.mavlink.confirm import confirm
+from coaxlink.mavlink.confirm import TWO_BEATS_S, confirm
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.session import Session
 from coaxlink.uploading.backup import Backup, Note
@@ -227,6 +227,7 @@ class Uploader:
         if not self._talk.confirm():
             raise SafetyRefusal("not confirmed; nothing was changed")
         confirm(self._session)
+        self._session.refuse_several(TWO_BEATS_S)
         self._refuse_armed()
         # others may change what an upload leaves: its whole table is proved; a backup is too long for that
         new, old = (target, present) if complete else (changes, present.only(changes))
@@ -408,7 +409,7 @@ class Uploader:
             mismatches,
             self._board.parameters.retries + self._board.files.retries,
             reason or (str(error) if error else ""),
-            f"{identity.name}, board {identity.uid or 'unknown'}",
+            f"{identity.name}, system {identity.system}, board {identity.uid or 'unknown'}",
             error,
             self._changed_files,
             self._learned,
