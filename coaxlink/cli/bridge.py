@@ -55,8 +55,7 @@ def bridge(
         about = description.board_vehicle(load_airframe(airframe))
         contents = ardupilot.script_files(about, hold_ms=hold_ms)
         following = f"coaxlink upload {out} --connect URL, a reboot, coaxlink mix"
-    for name, text in contents.items():
-        files.write_atomic(out / name, text)
+    files.write_together({out / name: text for name, text in contents.items()})
     if connect:
         _put_on_the_card(connect, system, contents["etc/extras.txt"])
         following = "restart the board, propellers off; coax_mixer status in its console says this vehicle"

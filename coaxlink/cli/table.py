@@ -23,7 +23,7 @@ from coaxlink.cli.shared.effects import (
 )
 from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.next import WEAK
-from coaxlink.cli.shared.rate_loops import forget_vehicle, keep_vehicle
+from coaxlink.cli.shared.rate_loops import forget_vehicle, vehicle_files
 from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.cli.upload import SystemOption
 from coaxlink.errors import InputError, SafetyRefusal
@@ -200,7 +200,7 @@ def _write(out: Path, vehicle: Vehicle, rotors: Path, report: TableReport | ApRe
     """The files of the table, and a copy of the vehicle that it was made from."""
     from coaxlink.tables.files import write_table
 
-    forget_vehicle(out)
-    written = write_table(out, vehicle.airframe, rotors, report)
-    keep_vehicle(out, vehicle, rotors)
+    made_of = vehicle_files(vehicle, rotors)
+    written = write_table(out, vehicle.airframe, rotors, report, made_of)
+    forget_vehicle(out, made_of)
     return written

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,18 +21,15 @@ _AIRFRAME, _ROTORS, _CONDITIONS = "airframe.toml", "rotor.toml", "conditions.tom
 Present = Callable[[Mapping[str, float | int], Mapping[str, bytes | None]], None]
 
 
-def keep_vehicle(out: Path, vehicle: Vehicle, rotor_file: Path) -> None:
-    """Copy into OUT/vehicle what a table was made from. Raises InputError."""
-    folder = out / FOLDER
+def vehicle_files(vehicle: Vehicle, rotor_file: Path) -> dict[str, bytes]:
+    """What a table was made from, by its name in the table's folder; empty where no file holds it."""
     if vehicle.declared.source is None:
-        return
-    files.write_atomic(folder / _AIRFRAME, vehicle.declared.source.read_bytes())
-    files.write_atomic(folder / _ROTORS, rotor_file.read_bytes())
+        return {}
+    copies = {_AIRFRAME: vehicle.declared.source.read_bytes(), _ROTORS: rotor_file.read_bytes()}
     stated = {name: value for name, value in vars(vehicle.conditions).items() if value is not None}
     if stated:
-        files.write_toml(folder / _CONDITIONS, stated)
-    else:
-        (folder / _CONDITIONS).unlink(missing_ok=True)
+        copies[_CONDITIONS] = files.toml_text(stated).encode()
+    return {f"{FOLDER}/{name}": data for name, data in copies.items()}
 
 
 def kept_airframe(source: Path) -> Path | None:
@@ -42,9 +38,11 @@ def kept_airframe(source: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def forget_vehicle(out: Path) -> None:
-    """Take an earlier table's vehicle away: it is not this one's."""
-    shutil.rmtree(out / FOLDER, ignore_errors=True)
+def forget_vehicle(out: Path, kept: Container[str]) -> None:
+    """Take away what an earlier table was made from, but for the files `kept`: it is not this one's."""
+    for name in (_AIRFRAME, _ROTORS, _CONDITIONS):
+        if f"{FOLDER}/{name}" not in kept:
+            (out / FOLDER / name).unlink(missing_ok=True)
 
 
 def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Present:
