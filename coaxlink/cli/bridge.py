@@ -11,7 +11,7 @@ from coaxlink.cli.shared.completion import FIRMWARES, one_of
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
 from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import say
-from coaxlink.cli.upload import SystemOption
+from coaxlink.cli.upload import NewGeometryOption, SystemOption
 
 
 def bridge(
@@ -27,6 +27,7 @@ def bridge(
     back: Annotated[
         bool, typer.Option("--back", help="With --connect: take extras.txt off the card again.")
     ] = False,
+    new_geometry: NewGeometryOption = False,
     system: SystemOption = None,
     hold_ms: Annotated[
         int, typer.Option(min=20, max=500, help="ArduPilot: on so much silence the matrix flies again.")
@@ -36,7 +37,8 @@ def bridge(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.errors import InputError
-    from coaxlink.live.onboard import ardupilot, description, px4
+    from coaxlink.live.geometry import refuse_other_vehicle
+    from coaxlink.live.onboard import ardupilot, card, description, px4
 
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
@@ -57,17 +59,13 @@ def bridge(
         following = f"coaxlink upload {out} --connect URL, a reboot, coaxlink mix"
     files.write_together({out / name: text for name, text in contents.items()})
     if connect:
-        _put_on_the_card(connect, system, contents["etc/extras.txt"])
+        with vehicle_at(connect, system=system, station=True) as session:
+            for line in refuse_other_vehicle(session, load_airframe(airframe), new_geometry=new_geometry):
+                say(line)
+            card.put_extras(session, contents["etc/extras.txt"])
+        say(f"{card.PATH} is on the card: the module starts with the next boot")
         following = "restart the board, propellers off; coax_mixer status in its console says this vehicle"
     say("\n".join([*(str(out / name) for name in contents), f"next: {following}"]))
-
-
-def _put_on_the_card(url: str, system: int | None, text: str) -> None:
-    from coaxlink.live.onboard import card
-
-    with vehicle_at(url, system=system, station=True) as session:
-        card.put_extras(session, text)
-    say(f"{card.PATH} is on the card: the module starts with the next boot")
 
 
 def _take_off_the_card(url: str, system: int | None) -> None:

@@ -14,7 +14,7 @@ from coaxlink.cli.shared.effects import say_effects, vehicle_of
 from coaxlink.cli.shared.line import address_of, tell_news, vehicle_at
 from coaxlink.cli.shared.next import unanswered
 from coaxlink.cli.shared.shell import JsonOption, figure, say
-from coaxlink.cli.upload import SigningOption, SystemOption, VehicleConnectOption
+from coaxlink.cli.upload import NewGeometryOption, SigningOption, SystemOption, VehicleConnectOption
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
@@ -60,6 +60,7 @@ def mix(
     lost: Annotated[
         float, typer.Option(min=1, metavar="S", help="So long without a word of the vehicle: exit code 3.")
     ] = LOST_S,
+    new_geometry: NewGeometryOption = False,
     system: SystemOption = None,
     signing_key: SigningOption = None,
     json_file: JsonOption = None,
@@ -69,6 +70,7 @@ def mix(
     Arming stays with the pilot. Begin with `coaxlink motors`, then --dry-run.
     """
     from coaxlink import files, mixer
+    from coaxlink.live.geometry import refuse_other_vehicle
     from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.live.paths import may_be_bridged, own_curve
@@ -86,6 +88,8 @@ def mix(
     with vehicle_at(where, system=system, signing_key=signing_key, record=log) as session:
         alone(session)
         _require_path(session)
+        for line in refuse_other_vehicle(session, frame, new_geometry=new_geometry):
+            say(line)
         live_record = _record(record, vehicle, law)
         live = LiveMixer(
             session, vehicle, chosen, rate_hz=rate, dry_run=dry_run, witness=witness, record=live_record,

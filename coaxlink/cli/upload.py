@@ -33,6 +33,9 @@ SystemOption = Annotated[
 SigningOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="MAVLink 2 signing key, mode 600; both sides must sign.")
 ]
+NewGeometryOption = Annotated[
+    bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
+]
 BackupOption = Annotated[Path, typer.Option(metavar="DIR", help="Where backups go.")]
 
 
@@ -48,9 +51,7 @@ def upload(
     system: SystemOption = None,
     signing_key: SigningOption = None,
     backup_dir: BackupOption = Path("backups"),
-    new_geometry: Annotated[
-        bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
-    ] = False,
+    new_geometry: NewGeometryOption = False,
     spin_from_table: Annotated[
         bool,
         typer.Option("--spin-from-table", help="ArduPilot: also MOT_SPIN_*, else as tuned on board."),

@@ -59,7 +59,7 @@ def test_halves_of_two_tables_are_refused_whoever_mixed_them(tmp_path, capsys):
             load_plan(folder)
     lone = tmp_path / "reduced"
     (lone / script).unlink()
-    with pytest.raises(InputError, match="coaxlink_matrix.lua: is missing"):
+    with pytest.raises(InputError, match=r"coaxlink_matrix.lua: is missing"):
         load_plan(lone)
     # a table of a coaxlink that noted nothing: its own SCR_LD_CHECKSUM tells
     old = tmp_path / "old"
