@@ -67,6 +67,12 @@ def kind_name(autopilot: int) -> str:
     return known.get(autopilot, f"autopilot {autopilot}")
 
 
+def type_name(kind: int) -> str:
+    """A MAV_TYPE in words."""
+    known = mavlink.enums["MAV_TYPE"].get(kind)
+    return known.name.removeprefix("MAV_TYPE_").lower() if known else f"type {kind}"
+
+
 def version_request(target: Identity) -> Any:
     """The command that asks for AUTOPILOT_VERSION."""
     return mavlink.MAVLink_command_long_message(

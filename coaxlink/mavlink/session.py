@@ -317,7 +317,7 @@ class Session(Requests):
                     self._tell(name, message, False)
             return
         system, component = _sender(message)
-        if known is None or system != known.system:
+        if known is None or (system, component) != (known.system, known.component):
             self.autopilots.note(message, peer)
         if known is None:
             if name == "AUTOPILOT_VERSION" and (claimant := self.bound.claimant(peer)):

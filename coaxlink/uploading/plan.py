@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink import files
 from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.mavlink.identity import Identity
+from coaxlink.mavlink.identity import Identity, type_name
 from coaxlink.mavlink.parameters import Number, Value
 from coaxlink.tables.files import SCRIPTS, refuse_halves
 from coaxlink.uploading.backup import FILES
@@ -132,8 +132,7 @@ def refuse_vehicle(plan: Plan, identity: Identity) -> None:
             "way; v1.14 or later is needed"
         )
     counts = _MULTIROTORS.get(identity.vehicle_type)
-    kind = mavlink.enums["MAV_TYPE"].get(identity.vehicle_type)
-    name = kind.name.removeprefix("MAV_TYPE_").lower() if kind else f"type {identity.vehicle_type}"
+    name = type_name(identity.vehicle_type)
     if counts is None:
         raise SafetyRefusal(f"another vehicle: of type {name}, not a multirotor")
     if identity.is_px4 and plan.rotor_count is not None and plan.rotor_count not in counts:
