@@ -28,7 +28,7 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writin
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show the difference and write nothing.")]
 TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long to wait for the vehicle.")]
 SystemOption = Annotated[
-    int | None, typer.Option(metavar="ID", help="System id, if several are on the line.")
+    int | None, typer.Option(metavar="ID", help="System id, where several are heard or recorded.")
 ]
 SigningOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="MAVLink 2 signing key, mode 600; both sides must sign.")
