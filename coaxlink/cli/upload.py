@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -83,9 +84,9 @@ def upload(
     with vehicle_at(
         connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
     ) as session:
-        talk = replace(
-            conversation(yes or dry_run), present=said_first(source, plan, spin_from_table=spin_from_table)
-        )
+        doubts: list[str] = []
+        present = said_first(source, plan, doubts, spin_from_table=spin_from_table)
+        talk = replace(conversation(yes or dry_run, doubts), present=present)
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.upload(
             plan,
@@ -100,14 +101,14 @@ def upload(
         say(after_upload(source, typed_again(connect, system)))
 
 
-def conversation(yes: bool) -> Talk:
-    """Differences on stdout, talk on stderr, and a question unless `yes`."""
+def conversation(yes: bool, doubts: Sequence[str] = ()) -> Talk:
+    """Differences on stdout, talk on stderr, and a question unless `yes`; `doubts` are part of it."""
     from coaxlink.uploading.outcome import Talk
 
     def ask() -> bool:
         if yes:
             return True
-        say("write this to the vehicle? [y/N]")
+        say(f"write this to the vehicle{', its other yaw gain too' if doubts else ''}? [y/N]")
         return sys.stdin.readline().strip().lower() in ("y", "yes")
 
     return Talk(say=say, difference=show, confirm=ask)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from coaxlink.uploading.plan import Plan
     from coaxlink.vehicle import Vehicle
 
+# gain margins of rate loops are 6 dB or more (a factor of 2, MIL-DTL-9490E), of which tuning leaves a part
+ASKED = 0.2
 FOLDER = "vehicle"  # of a table's folder: what it was made from
 _AIRFRAME, _ROTORS, _CONDITIONS = "airframe.toml", "rotor.toml", "conditions.toml"
 Present = Callable[[Mapping[str, float | int], Mapping[str, bytes | None]], None]
@@ -45,9 +47,9 @@ def forget_vehicle(out: Path, kept: Container[str]) -> None:
             (out / FOLDER / name).unlink(missing_ok=True)
 
 
-def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Present:
+def said_first(source: Path, plan: Plan, doubts: list[str], *, spin_from_table: bool = False) -> Present:
     """What `Talk.present` does for a table's folder: its price beside the table on board, in three lines, and
-    one on the rate loops."""
+    one on the rate loops. What is to be asked about goes into `doubts`."""
     airframe = kept_airframe(source)
 
     def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
@@ -74,6 +76,12 @@ def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Pr
             out.print(text, soft_wrap=out.width >= PIPE_WIDTH)
         kept = "; gains that keep the loops are in the table" if in_table else ""
         out.print(line + kept, soft_wrap=out.width >= PIPE_WIDTH)
+        yaw = gains.axes[2]
+        if not in_table and (not yaw.usable or abs(1.0 / yaw.scale - 1.0) > ASKED):
+            times = f"{1.0 / yaw.scale:.2f} times" if yaw.usable else "none, or the opposite, of"
+            doubts.append("yaw")
+            keep = "tune it anew, or keep it by coaxlink table --keep-gains"
+            say(f"a demand of yaw will give {times} the moment that it gives now: {keep}")
 
     return present
 
