@@ -230,13 +230,13 @@ def _confirm(yes: bool, name: str) -> None:
 
 def _record(session: Session, wanted: bool, served: bool) -> None:
     """Where no log comes down the telemetry is the log: ask for all that refine needs."""
-    from coaxlink.studies.flight import STREAMS
+    from coaxlink.studies.flight import AP_STREAMS, STREAMS
 
     if wanted and served:
         return
     why = "it serves no log" if wanted else "--no-log"
     say(f"{why}: its telemetry is recorded instead, as fast as the line lets it through")
-    for number, rate in STREAMS.items():
+    for number, rate in (AP_STREAMS if session.identity.is_ardupilot else STREAMS).items():
         session.request_stream(number, rate)
 
 
