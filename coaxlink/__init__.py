@@ -11,12 +11,15 @@
     with cx.connect("udpin:0.0.0.0:14550") as session:
         cx.upload(session, table)
     found = cx.refine("flight.ulg", vehicle)             # residual, effect, error before and after
+    print(cx.check_health("flight.ulg", vehicle))        # is every rotor sound
+    cx.write_report("flight.ulg", "flight.html", vehicle)
 
 Everything loads when it is first used. Errors are `cx.CoaxlinkError` and its kin (coaxlink/errors.py).
 """
 
 from __future__ import annotations
 
+from coaxlink import notebook
 from coaxlink._version import __version__
 
 TYPE_CHECKING = False  # typing's own takes longer to load than all of this
@@ -26,7 +29,17 @@ if TYPE_CHECKING:
     from coaxlink.airframe import Airframe, load_airframe
     from coaxlink.data import Samples
     from coaxlink.errors import CheckFailed, CoaxlinkError, InputError, LinkError, SafetyRefusal
-    from coaxlink.library import Table, identify, make_table, mix, read_log, refine, upload
+    from coaxlink.library import (
+        Table,
+        check_health,
+        identify,
+        make_table,
+        mix,
+        read_log,
+        refine,
+        upload,
+        write_report,
+    )
     from coaxlink.mavlink import connect
     from coaxlink.mixer import allocate, compare, make_law
     from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
@@ -36,7 +49,10 @@ _ROOMS = {
     "coaxlink.airframe": ("Airframe", "load_airframe"),
     "coaxlink.data": ("Samples",),
     "coaxlink.errors": ("CheckFailed", "CoaxlinkError", "InputError", "LinkError", "SafetyRefusal"),
-    "coaxlink.library": ("Table", "identify", "make_table", "mix", "read_log", "refine", "upload"),
+    "coaxlink.library": (
+        *("Table", "check_health", "identify", "make_table", "mix"),
+        *("read_log", "refine", "upload", "write_report"),
+    ),
     "coaxlink.mavlink": ("connect",),
     "coaxlink.mixer": ("allocate", "compare", "make_law"),
     "coaxlink.rotor": ("RotorModel", "load_rotor_model", "save_rotor_model"),
@@ -58,6 +74,7 @@ __all__ = [
     "Vehicle",
     "__version__",
     "allocate",
+    "check_health",
     "compare",
     "connect",
     "identify",
@@ -71,7 +88,17 @@ __all__ = [
     "refine",
     "save_rotor_model",
     "upload",
+    "write_report",
 ]
+
+
+def _with_picture(thing: Any) -> str:
+    from coaxlink.report.notebook import html_of  # only who looks at a result waits for the pictures
+
+    return html_of(thing)
+
+
+notebook.register(_with_picture)
 
 
 def __getattr__(name: str) -> Any:

@@ -30,7 +30,7 @@ def absent(error: ImportError, verb: str) -> InputError | None:
     name = (error.name or "").partition(".")[0]
     if name == "sim":
         return InputError(
-            verb, "", f"this light install has no simulated world: pip install coaxlink; {ALL_OF_IT}"
+            verb, "", f"this light install has no simulated vehicle: pip install coaxlink; {ALL_OF_IT}"
         )
     if name not in LEFT_OUT:
         return None
@@ -58,5 +58,5 @@ def _is_here(module: str) -> bool:
 def refuse_windows(verb: str) -> None:
     """Raise InputError where the simulated world cannot run."""
     if sys.platform == "win32":
-        problem = "the simulated world needs POSIX signals and sockets; on Windows run it inside WSL"
+        problem = "the simulated vehicle needs POSIX signals and sockets; on Windows run it inside WSL"
         raise InputError(verb, "", problem)

@@ -17,6 +17,7 @@ from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.vehicle import Vehicle, vehicle_of
 
 if TYPE_CHECKING:
+    from coaxlink.health.judge import Health
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.mavlink import Session
     from coaxlink.residual import Refinement
@@ -70,6 +71,7 @@ class Table:
     parameters: Mapping[str, float | int]
     files: Mapping[str, str]  # name (may hold one folder) -> text
     findings: tuple[Finding, ...]  # what its author may not expect; an error forbids flying with it
+    mix: Mapping[str, NDArray[np.float64]]  # of each axis (N,): what the firmware mixes by
     _speeds: Callable[[float, float, float, float], NDArray[np.float64]]
 
     def speeds(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
@@ -84,9 +86,19 @@ class Table:
             write_atomic(Path(folder) / name, text)
         return [Path(folder) / name for name in self.files]
 
+    def __str__(self) -> str:
+        """What stands in it: the mix, a row a rotor, what is not a rotor's own, findings."""
+        lines = [repr(self), "rotor" + "".join(f"{name:>10s}" for name in self.mix)]
+        for n, row in enumerate(zip(*self.mix.values(), strict=True)):
+            lines.append(f"{n + 1:<5d}" + "".join(f"{value:10.4f}" for value in row))
+        whole = {k: v for k, v in self.parameters.items() if not any(c.isdigit() for c in k)}
+        lines.append(", ".join(f"{name} {value:.8g}" for name, value in whole.items()))
+        return "\n".join([*lines, *(f"{f.severity}: {f}" for f in self.findings)])
+
     def __repr__(self) -> str:
         wrong = sum(f.severity == "error" for f in self.findings)
-        size = f"{len(self.parameters)} parameters, {len(self.files)} files"
+        files = "1 file" if len(self.files) == 1 else f"{len(self.files)} files"
+        size = f"{len(self.parameters)} parameters, {files}"
         return f"Table({self.firmware}, {self.law} law, {size}, {wrong} findings that forbid it)"
 
 
@@ -105,7 +117,7 @@ def make_table(
     >>> from coaxlink.files import example
     >>> from coaxlink.vehicle import load_vehicle
     >>> make_table(load_vehicle(example("x8_paper.toml")), law="standard")
-    Table(px4, standard law, 69 parameters, 1 files, 0 findings that forbid it)
+    Table(px4, standard law, 69 parameters, 1 file, 0 findings that forbid it)
     """
     from coaxlink.tables import files as table_files
 
@@ -118,13 +130,21 @@ def make_table(
 
         report = report_px4(vehicle, law)
         texts = table_files.table_files(vehicle.airframe, report, made_from)
-        return Table(firmware, law, report.params, texts, report.findings, px4_commands(report.mix))
+        roll, pitch, yaw, _, _, thrust = report.mix.mix.T
+        entries = report.table.rotors
+        mix = {
+            "CT N": np.array([entry.ct for entry in entries]),
+            "KM m": np.array([entry.km for entry in entries]),
+            **{"roll": roll, "pitch": pitch, "yaw": yaw, "thrust": -thrust},
+        }
+        return Table(firmware, law, report.params, texts, report.findings, mix, px4_commands(report.mix))
     if firmware == "ardupilot":
         from coaxlink.tables.ardupilot import ap_commands, report_ap
 
         made = report_ap(vehicle, law)
         texts = table_files.table_files(vehicle.airframe, made, made_from)
-        return Table(firmware, law, made.params, texts, made.findings, ap_commands(made.mix))
+        axes = dict(zip(("roll", "pitch", "yaw", "throttle"), made.mix.factors.T, strict=True))
+        return Table(firmware, law, made.params, texts, made.findings, axes, ap_commands(made.mix))
     raise InputError("firmware", firmware, f"one of {', '.join(FIRMWARES)} is expected")
 
 
@@ -144,14 +164,45 @@ def refine(
     from coaxlink.residual import refine_stand
     from coaxlink.rotor import load_rotor_model
 
-    given = [logs] if isinstance(logs, (str, Path, Samples)) else list(logs)
-    read = [_read(log) for log in given]
+    read = [_read(log) for log in _several(logs)]
     if any(log.has("motor1") for log in read):
         if vehicle is None:
             raise InputError("vehicle", "", "flight logs are held against a Vehicle; none is given")
         vehicle = vehicle_of(vehicle)
         return run(read, vehicle.declared, vehicle.rotors)
     return refine_stand(read, load_rotor_model(Path(rotors)) if isinstance(rotors, (str, Path)) else rotors)
+
+
+def check_health(logs: Log | Sequence[Log], vehicle: Vehicle | str | Path) -> Health:
+    """Every rotor of a vehicle over its flights, oldest first: `.verdict`, `.suspects`, `.detects`.
+
+    Raises InputError, also for a log that is no flight.
+    """
+    from coaxlink.health.premises import judged
+
+    read = [_flight(log) for log in _several(logs)]
+    return judged(read, [Path(log.source).name for log in read], vehicle_of(vehicle))
+
+
+def write_report(
+    logs: str | Path | Sequence[str | Path], page: str | Path, vehicle: Vehicle | str | Path | None = None
+) -> Path:
+    """Draw one flight log, or two beside one another, as one self-contained page; its path.
+
+    With a vehicle also thrust, split and wrench. Raises InputError.
+    """
+    from coaxlink.files import write_atomic
+    from coaxlink.report.flight_charts import flight_charts
+    from coaxlink.report.flight_page import flight_page
+    from coaxlink.report.made import Made
+
+    paths = [Path(logs)] if isinstance(logs, (str, Path)) else [Path(log) for log in logs]
+    if not 1 <= len(paths) <= 2:
+        raise InputError("report", "logs", f"one log or two are expected, found {len(paths)}")
+    flown = None if vehicle is None else vehicle_of(vehicle)
+    flights = [flight_charts(path, flown) for path in paths]
+    write_atomic(Path(page), flight_page(flights, Made.now(paths, flown.airframe.name if flown else "")))
+    return Path(page)
 
 
 def upload(
@@ -193,6 +244,17 @@ def mix(
 
     with LiveMixer(session, vehicle_of(vehicle), law, **options) as live:
         yield live
+
+
+def _several(logs: Log | Sequence[Log]) -> list[Log]:
+    return [logs] if isinstance(logs, (str, Path, Samples)) else list(logs)
+
+
+def _flight(log: Log) -> Samples:
+    read = _read(log)
+    if not read.has("motor1"):
+        raise InputError(read.source, "", "a flight log is expected, found a stand's: identify takes it")
+    return read
 
 
 def _read(log: Log) -> Samples:

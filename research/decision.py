@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tracing import Answer, Log, Score, accepted, score, table
+from worlds.scores import Answer, Score, accepted, score, table
+from worlds.sets import Log
 
 PERSON = {"closed1": "one", "stand": "one", "flight": "one", "sim": "own"}  # who wrote a set
 # terms of which more makes a name likelier; and that there is more than is said

@@ -184,16 +184,10 @@ def walk(path: Path, folder: Path, *, fly: bool) -> Row:
     row.best = (float(np.median(savings["shaft"])), float(np.median(savings["battery"])))
     row.apart = (float(np.ptp(savings["shaft"])), float(np.ptp(savings["battery"])))
     rotor, frame = folder / "rotor.toml", folder / "x8.toml"
-    stem = next((s for s in INCHES if path.stem.startswith(s)), "made")
-    arm = 0.0254 * INCHES[stem] * 1.1
     begun = time.perf_counter()
     coaxlink("identify", path, "--upper", "left", "--out", rotor)
     row.seconds["identify"] = time.perf_counter() - begun
-    mass = row.weight_N / GRAVITY
-    coaxlink(
-        "init", frame, "--template", "x8", "--mass", f"{mass:.3f}", "--arm", f"{arm:.3f}", "--spacing", "0.2",
-        "--lag", "0.03", "--rotor", rotor,
-    )  # fmt: skip
+    vehicle_file(path, rotor, frame, row.weight_N)
     begun = time.perf_counter()
     coaxlink("compare", frame, "--all", "--json", folder / "compare.json")
     row.seconds["compare"] = time.perf_counter() - begun
@@ -212,6 +206,18 @@ def walk(path: Path, folder: Path, *, fly: bool) -> Row:
     if fly:
         fly_all(row, path, frame, rotor, folder)
     return row
+
+
+def vehicle_file(path: Path, rotor: Path, frame: Path, weight_N: float = math.nan) -> Path:
+    """Write an X8 of four such pairs that hovers at `HOVER`, its arm by the size of the propellers."""
+    if math.isnan(weight_N):
+        weight_N = 4 * RawMap(path, polynomial(4)).equal()[0]
+    stem = next((s for s in INCHES if path.stem.startswith(s)), "made")
+    coaxlink(
+        "init", frame, "--template", "x8", "--mass", f"{weight_N / GRAVITY:.3f}", "--arm",
+        f"{0.0254 * INCHES[stem] * 1.1:.3f}", "--spacing", "0.2", "--lag", "0.03", "--rotor", rotor,
+    )  # fmt: skip
+    return frame
 
 
 def fly_all(row: Row, path: Path, frame: Path, rotor: Path, folder: Path) -> None:

@@ -32,238 +32,22 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import lzma
 import os
-import shutil
-import statistics
-import subprocess
 import sys
 import tempfile
 import time
 import traceback
-from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+
+import decision
+from worlds.scores import Answer, Score, score, table
+from worlds.sets import Log, logs_of
 
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(threads, "1")
-
-HERE = Path(__file__).resolve().parent
-WORLDS = (HERE.parent.parent / "shared" / "worlds").resolve()
-KINDS = ("effect", "two", "odd", "fault", "ambiguous", "clean", "real")
-GENERATORS = {"stand": "stand.py", "flight": "gen.py"}  # of author one
-NUMBERS = (
-    *("one", "two", "three", "four", "five", "six", "seven"),
-    *("eight", "nine", "ten", "eleven", "twelve", "thirteen", "fourteen"),
-)
-NATS = 100.0  # an oracle's: more must not be answered by silence
-Truth = dict[str, Any]
-Answer = dict[str, Any]
-
-
-# sets of logs: an author's, or a folder's
-
-
-@dataclass(frozen=True)
-class Log:
-    """A log with its truth."""
-
-    author: str
-    root: Path
-    case: str
-    truth: Truth
-
-    @property
-    def kind(self) -> str:
-        """stand or flight."""
-        return "flight" if self.truth.get("airframe") else "stand"
-
-    @property
-    def sort(self) -> str:
-        """effect, two, odd, fault, ambiguous, clean or real."""
-        return self.truth["kind"] if self.truth["kind"] in KINDS else "real"
-
-    def file(self, what: str) -> Path | None:
-        """A file that the truth names, unpacked where it is packed."""
-        name = self.truth.get(what)
-        if not name:
-            return None
-        path = self.root / name
-        if path.exists():
-            return path
-        packed = path.with_name(path.name + ".xz")
-        out = Path(tempfile.mkdtemp()) / path.name
-        with lzma.open(packed) as source, out.open("wb") as target:
-            shutil.copyfileobj(source, target)
-        return out
-
-
-def logs_of(name: str, folder: Path, kinds: Sequence[str], only: Collection[str] = ()) -> Iterator[Log]:
-    """The logs of a set; what a generator would write is written first."""
-    if (Path(name) / "truth.json").exists():
-        root = Path(name).resolve()
-        at = root.relative_to(WORLDS) if root.is_relative_to(WORLDS) else Path(root.name)
-        yield from _read(str(at), root, kinds)
-        return
-    author, _, said = name.partition(":")
-    first, _, last = said.partition("-")
-    for seed in range(int(first), int(last or first) + 1):
-        for kind in kinds:
-            root = folder / "worlds" / f"{author}-{kind}-{seed}"
-            if not (root / "truth.json").exists():
-                write_worlds(author, kind, seed, root, only)
-            yield from _read(f"{author}/{kind}", root, kinds)
-
-
-def _read(author: str, root: Path, kinds: Sequence[str]) -> Iterator[Log]:
-    for case, truth in json.loads((root / "truth.json").read_text()).items():
-        log = Log(author, root, case, truth)
-        if log.kind in kinds:
-            yield log
-
-
-def write_worlds(author: str, kind: str, seed: int, root: Path, only: Collection[str] = ()) -> None:
-    """Have an author's generator write a seed's logs and truths into a folder."""
-    draft = root.with_name(f"{root.name}.{os.getpid()}")
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir(parents=True)
-    if author in ("own", "sim"):
-        truths = _ours(author, kind, seed, draft, only)
-        (draft / "truth.json").write_text(json.dumps(truths))
-    elif author == "board":
-        truths = _of_boards(draft) if kind == "flight" else {}
-        (draft / "truth.json").write_text(json.dumps(truths))
-    elif author == "two":
-        truths = _of_two(kind, seed, draft)
-        (draft / "truth.json").write_text(json.dumps(truths))
-    else:
-        script, arguments = generator_of(author), ["--kind", kind, "--seed", str(seed), "--out"]
-        if author == "one":
-            script, arguments = WORLDS / "authors" / "one" / GENERATORS[kind], [str(seed)]
-        command = [sys.executable, str(script), *arguments, str(draft)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=script.parent)
-    if not root.exists():
-        draft.replace(root)
-
-
-def generator_of(author: str) -> Path:
-    """The script of author3 to author14, ours first. Ends with one line where there is none."""
-    number = author.removeprefix("author")
-    word = NUMBERS[int(number) - 1] if number.isdecimal() and 0 < int(number) <= len(NUMBERS) else author
-    places = [folder / "generate.py" for folder in (HERE / "worlds" / author, WORLDS / "authors" / word)]
-    for script in places:
-        if script.exists():
-            return script
-    sys.exit(f"tracing: no author '{author}': {' or '.join(map(str, places))} is expected")
-
-
-def _of_boards(root: Path) -> dict[str, Truth]:
-    """Real firmware on the paper's vehicle, whose motors lag by 20 ms."""
-    examples = HERE.parent / "examples"
-    vehicle = (examples / "x8_paper.toml").read_text()
-    (root / "x8.toml").write_text(f"motor_lag_s = 0.02\n{vehicle}")
-    shutil.copy(examples / "rotor_paper.toml", root / "rotor_paper.toml")
-    found = {"px4_null_fitted.ulg": [], "ap_null.bin": [], "px4_rotor_drag.ulg": ["rotor_drag"]}
-    return {
-        log.split(".")[0]: {
-            "log": str(WORLDS.parent / "data" / "flights" / log),
-            "kind": "effect" if hidden else "clean",
-            "effects": hidden,
-            "accept": [],
-            "airframe": "x8.toml",
-            "rotor": "rotor_paper.toml",
-        }
-        for log, hidden in found.items()
-    }
-
-
-def _of_two(kind: str, seed: int, root: Path) -> dict[str, Truth]:
-    sys.path.insert(0, str(WORLDS / "authors" / "two"))
-    generator = __import__(kind)
-    sys.path.pop(0)
-    truths = {}
-    for case in generator.NAMES:
-        try:
-            noise = generator.write(case, seed, root / f"{case}.csv")
-        except RuntimeError:  # a vehicle that was lost
-            continue
-        hidden = list(generator.CASES[case][0] if kind == "stand" else generator.CASES[case])
-        sort = ("clean", "effect", "two")[len(hidden)]
-        if hidden == ["unexplained"]:
-            sort, hidden = "odd", []
-        elif hidden and hidden[0].startswith("ambiguous:"):
-            sort, hidden = "ambiguous", hidden[0].split(":")[1].split("|")
-        truths[case] = {"log": f"{case}.csv", "kind": sort, "effects": hidden, "accept": []}
-        if kind == "flight":
-            truths[case] |= {"airframe": "x8.toml", "rotor": "rotor.toml"}
-        else:
-            truths[case] |= {"rotor": None, "noise": noise}
-    if kind == "flight":
-        examples = HERE.parent / "examples"
-        shutil.copy(examples / "rotor_paper.toml", root / "rotor.toml")
-        shutil.copy(examples / "rotor_paper.toml", root / "rotor_paper.toml")
-        shutil.copy(examples / "x8_paper.toml", root / "x8.toml")
-    return truths
-
-
-def _ours(author: str, kind: str, seed: int, root: Path, only: Collection[str]) -> dict[str, Truth]:
-    """`own`: the stand of `worlds/own.py`; `sim`: the bench and the flights of `sim`, by its other laws."""
-    import numpy as np
-    from worlds import own as worlds
-
-    from sim.flights import write_flight
-
-    examples = HERE.parent / "examples"
-    shutil.copy(examples / "rotor_paper.toml", root / "rotor_paper.toml")
-    if kind == "stand":
-        hidden = [(n,) for n in (worlds.STAND if author == "own" else worlds.BENCH)]
-        hidden += list(worlds.STAND_DOUBLES if author == "own" else worlds.BENCH_DOUBLES)
-    elif author == "own":
-        return {}
-    else:
-        hidden = [*((n,) for n in worlds.WORTH), *worlds.FLIGHT_DOUBLES]
-        hidden += [(n,) for n in (*worlds.FLIGHT_FAULTS, *worlds.FLIGHT_STRANGE)]
-    hidden += [()] * 4
-    truths = {}
-    for k, names in enumerate(hidden):
-        number = seed if names else 4 * seed + k % 4
-        worth = worlds.worth_of(number)
-        case = f"{'+'.join(names) or 'clean'}-{number}"
-        drawn = kind == "stand" or all(n in worlds.WORTH for n in names)
-        if only and case not in only:
-            continue
-        law = "law" if drawn and worlds.has_other_law(kind, names) else "same"
-        truth: Truth = {"log": f"{case}.csv", "rotor": None, "accept": []}
-        if kind == "flight":
-            made = worlds.make_flight(names, number, worth, law, root)
-            write_flight(root / f"{case}.csv", made.columns)
-            (root / f"{case}.airframe.toml").write_text(made.airframe)
-            truth["airframe"] = f"{case}.airframe.toml"
-        else:
-            made = worlds.make_stand(names, number, worth) if author == "own" or not names else None
-            made = made or worlds.make_bench(names, number, worth, law)
-            rows = np.column_stack([np.asarray(v, float) for v in made.columns.values()])
-            heading = ",".join(made.columns)
-            np.savetxt(root / truth["log"], rows, fmt="%.8g", delimiter=",", header=heading, comments="")
-        sigma = made.truth.get("sigma")
-        if isinstance(sigma, dict):
-            truth["noise"] = {name.rsplit("_", 1)[0]: s for name, s in sigma.items()}
-        odd, fault = (
-            bool(names) and names[0].startswith("strange"),
-            bool(names) and names[0] in worlds.FAULTS,
-        )
-        sort = "odd" if odd else "fault" if fault else ("clean", "effect", "two")[len(names)]
-        effects = [] if odd or fault else list(names)
-        truth |= {"kind": sort, "effects": effects, "rotor": made.rotor, "worth": made.truth.get("worth")}
-        truths[case] = truth
-    return truths
-
-
-# answers: each log once by a method
+    os.environ.setdefault(threads, "1")  # before numpy is imported
 
 
 def answered(folder: Path, name: str, log: Log) -> Answer:
@@ -313,131 +97,6 @@ def method_hash() -> str:
             if path.suffix in (".py", ".toml"):
                 digest.update(path.read_bytes())
     return digest.hexdigest()[:10]
-
-
-# scoring
-
-
-@dataclass(frozen=True)
-class Score:
-    """How an answer compares with the truth."""
-
-    log: Log
-    right: float
-    wrong: frozenset[str]  # names that are not there
-    silent: bool
-    over: float  # error after over the true noise, of the worst channel
-    seconds: float
-    said: str
-    names: tuple[str, ...] = ()
-
-    @property
-    def missed(self) -> bool:
-        """Silent where the author's oracle found more than 100 nats."""
-        return self.silent and float(self.log.truth.get("llr_null") or 0.0) > NATS
-
-
-def names_of(answer: Answer) -> frozenset[str]:
-    """That are claimed."""
-    return frozenset(e["name"] for e in answer.get("effects", []))
-
-
-def accepted(truth: Truth) -> list[frozenset[str]]:
-    """Sets of names that are right, without words for other answers."""
-    words = {"unexplained", "suspect_data", "suspect", "ambiguous", "nothing"}
-    sets = [truth["effects"], *(truth.get("accept") or [])]
-    return [frozenset(s) - words for s in sets if not isinstance(s, str)]
-
-
-def score(log: Log, answer: Answer, reference: Answer | None = None) -> Score:
-    """The answer held against the truth, as `../shared/worlds/grade.py` does."""
-    t, nan = log.truth, float("nan")
-    if "failed" in answer:
-        last = answer["failed"].strip().splitlines()[-1][:100]
-        return Score(log, 0.0, frozenset(), False, nan, nan, f"FAILED {last}")
-    found = names_of(answer)
-    groups = [frozenset(n.split(" of ")[0] for n in a["names"]) for a in answer["ambiguous"]]
-    open_ends, suspects = answer["unexplained"], answer["suspect_data"]
-    if reference is not None and "failed" not in reference:
-        found = found - (names_of(reference) - set(t["effects"]))
-        had = {(u["channel"], tuple(u["depends_on"])) for u in reference["unexplained"]}
-        open_ends = [u for u in open_ends if (u["channel"], tuple(u["depends_on"])) not in had]
-        lies = {(s["column"], s["why"]) for s in reference["suspect_data"]}
-        suspects = [s for s in suspects if (s["column"], s["why"]) not in lies]
-    silent = not (found or groups or open_ends or suspects or answer.get("cannot_judge"))
-    silent = silent and not answer.get("not_this_vehicle") and log.sort != "clean"
-    right, wrong = _verdict(log, found, groups, bool(open_ends), bool(suspects))
-    over, noise = nan, t.get("noise")
-    if isinstance(noise, dict):
-        ratios = [
-            answer["channels"][c]["rmse_after"] / s for c, s in noise.items() if c in answer["channels"] and s
-        ]
-        over = max(ratios, default=nan)
-    said = " + ".join(sorted(found)) or "nothing"
-    said += "".join(f" ({' / '.join(sorted(g))})" for g in groups)
-    said += "".join(f"; unexplained {u['channel']} over {', '.join(u['depends_on'])}" for u in open_ends[:1])
-    said += "".join(f"; suspect {s['column']}" for s in suspects[:1])
-    said += "; cannot judge" if answer.get("cannot_judge") or answer.get("not_this_vehicle") else ""
-    return Score(log, right, wrong, silent, over, answer["seconds"], said, tuple(sorted(found)))
-
-
-def _verdict(
-    log: Log, found: frozenset[str], groups: list[frozenset[str]], is_open: bool, suspect: bool
-) -> tuple[float, frozenset[str]]:
-    t, sets = log.truth, accepted(log.truth)
-    truth = frozenset(t["effects"])
-    if log.sort == "real":
-        wrong, together = found - truth - frozenset(t.get("accept") or []), found.union(*groups)
-        if truth:
-            right = 1.0 if truth <= found else 0.5 * (truth <= together)
-        else:
-            right = float(suspect if t.get("suspect") else is_open if t.get("unexplained") else True)
-        return (0.0 if wrong else right), wrong
-    words = {w for a in t.get("accept") or [] for w in a}
-    wrong = found - frozenset().union(*sets)
-    if log.sort == "clean":
-        right = float(not (found or groups or suspect or is_open))
-    elif log.sort == "odd":
-        right = float((not found and is_open) or (bool(found) and found in sets[1:]))
-    elif log.sort == "fault":
-        right = float(not found and (suspect or ("unexplained" in words and is_open) or "nothing" in words))
-    elif log.sort == "ambiguous":
-        right = float(
-            (any(truth <= g for g in groups) and not wrong) or (len(sets) > 1 and found in sets[1:])
-        )
-    else:
-        right = float(found in sets) if found else float("unexplained" in words and is_open)
-        if not right and any(truth & g for g in groups) and found <= truth.union(*groups):
-            right = 0.5
-    return right, wrong
-
-
-def table(scores: Sequence[Score]) -> str:
-    """A row an author, rates by kind."""
-    by: dict[str, list[Score]] = defaultdict(list)
-    for s in scores:
-        by[s.log.author].append(s)
-    lines = [
-        f"{'author':18s}"
-        + "".join(f"{k:>12s}" for k in KINDS)
-        + "   right  false silent >100  after   s (95 %)"
-    ]
-    for author, mine in [*sorted(by.items()), *([("all", list(scores))] if len(by) > 1 else [])]:
-        cells = []
-        for kind in KINDS:
-            own = [s.right for s in mine if s.log.sort == kind]
-            cells.append(f"{sum(own):g}/{len(own)}" if own else "")
-        overs = sorted(s.over for s in mine if s.over == s.over)
-        seconds = sorted(s.seconds for s in mine if s.seconds == s.seconds) or [float("nan")]
-        lines.append(
-            f"{author:18s}"
-            + "".join(f"{c:>12s}" for c in cells)
-            + f"{100 * sum(s.right for s in mine) / len(mine):7.1f}%{sum(bool(s.wrong) for s in mine):7d}"
-            + f"{sum(s.silent for s in mine):7d}{sum(s.missed for s in mine):5d}"
-            + (f"{statistics.median(overs):7.2f}" if overs else "       ")
-            + f"{statistics.median(seconds):6.1f} ({seconds[int(0.95 * (len(seconds) - 1))]:.0f})"
-        )
-    return "\n".join(lines)
 
 
 def scored(logs: Sequence[Log], answer: Callable[[Log], Answer]) -> list[Score]:
@@ -503,16 +162,12 @@ def main() -> None:
                 print(f"{row(one)}\n{'':26s}{a.against}: {other.said} ({other.right:g})")
         print(table(others))
     if a.train:
-        import decision
-
         answers = [ask(log) for log in logs]
         if a.kind == ["flight"]:
             decision.train_flights(logs, answers, a.train, a.picture, a.models)
         else:
             decision.train(logs, answers, a.train, a.picture, a.models)
     elif a.picture:
-        import decision
-
         decision.told(logs, [ask(log) for log in logs], a.picture)
     if a.rows and not a.train:
         print("\n".join(row(s) for s in scores))

@@ -51,6 +51,36 @@ def test_answers_print_as_equations_and_numbers():
     assert found.model.score(example("stand_eq17.csv")) > 0.97
 
 
+def test_a_table_a_law_and_an_allocation_show_themselves():
+    vehicle = cx.load_vehicle(example("x8_paper.toml"))
+    for firmware, thrust in (("px4", "thrust"), ("ardupilot", "throttle")):
+        table = cx.make_table(vehicle, firmware, "standard")
+        head, columns, *rows = str(table).splitlines()
+        assert head == repr(table) and columns.split()[-1] == thrust
+        assert [row.split()[0] for row in rows[:8]] == list("12345678")
+        assert float(rows[4].split()[-1]) == pytest.approx(table.mix[thrust][4], abs=1e-4)
+    for name in ("standard", "reduced", "coaxial", "exact"):
+        law = cx.make_law(name, vehicle)
+        assert "8 rotors" in repr(law) and len(repr(law)) < 80
+    answer = cx.allocate(law, vehicle, [196.1, 0.0, 0.0, 0.5])
+    assert "exact law, 8 rotors, 1894 W" in repr(answer)
+    assert "yaw 0.5000 N m of 0.5000" in str(answer).splitlines()
+
+
+def test_what_is_exchanged_or_no_number_is_told_in_words():
+    vehicle = cx.load_vehicle(example("x8_paper.toml"))
+    law = cx.make_law("reduced", vehicle)
+    for wrong, said in (
+        (lambda: cx.Vehicle(vehicle.rotors, vehicle.declared), "in this order; found RotorModel"),
+        (lambda: cx.allocate(law, vehicle, ["a", 0, 0, 0]), r"four finite numbers .* found \['a'"),
+        (lambda: cx.allocate("exact", vehicle, [1, 0, 0, 0]), "a law is expected, as make_law makes it"),
+        (lambda: cx.check_health(example("stand_eq17.csv"), vehicle), "a flight log is expected"),
+        (lambda: cx.write_report([], "page.html"), "one log or two are expected, found 0"),
+    ):
+        with pytest.raises(cx.InputError, match=said):
+            wrong()
+
+
 def test_a_path_does_where_a_vehicle_is_expected():
     path = example("x8_paper.toml")
     vehicle = cx.Vehicle(path, example("rotor_paper.toml"))

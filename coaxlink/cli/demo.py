@@ -18,7 +18,8 @@ MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", 
 
 def demo(
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Which effect the world hides; drawn at random if not given.")
+        int | None,
+        typer.Option(min=0, help="Draws the effect that the last flight has and the model lacks."),
     ] = None,
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where models, tables, logs and report go.")
@@ -26,7 +27,7 @@ def demo(
     speed: Annotated[float, typer.Option(min=0.1, max=50, help="Simulator speed, times real time.")] = 8.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Identify, make tables, upload, fly them side by side; then find what a world hides: all simulated."""
+    """Identify, make tables, upload, fly them side by side; find an effect that no model has: simulated."""
     from coaxlink import files
 
     files.refuse_unwritable(json_file)

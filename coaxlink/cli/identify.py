@@ -75,7 +75,7 @@ def identify(
     ] = False,
     plan: Annotated[
         Path | None,
-        typer.Option("--next", metavar="PLAN.toml", help="Of flights: write the one that would tell most."),
+        typer.Option("--next", metavar="PLAN.toml", help="Of flights: write the most informative next one."),
     ] = None,
     co_rotating: Annotated[
         bool, typer.Option("--co-rotating", help="Both rotors of the pair on the stand turn the same way.")

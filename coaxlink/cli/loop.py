@@ -22,7 +22,7 @@ MADE = (
 def loop(
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="TRUTH.toml", help="What is true of the world; else drawn and hidden."),
+        typer.Option(metavar="TRUTH.toml", help="Effects of the simulated vehicle; else drawn at random."),
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of the hidden effect and the noise.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where tables, logs and the report go.")] = Path(
@@ -63,7 +63,7 @@ def loop(
     screen.print(refine.verdict(result.refinement))
     for shown in (*refine.tables(result.refinement), report.table_of(result), *report.lines(result)):
         screen.print(shown)
-    say(f"report: {page}   the same world again: --seed {chosen}")
+    say(f"report: {page}   the same simulated vehicle again: --seed {chosen}")
 
 
 def _refuse_untrue(truth: Path) -> None:

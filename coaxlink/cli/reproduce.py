@@ -17,7 +17,7 @@ def reproduce(
         typer.Option(metavar="LOG", help="A real stand log of a close pair, for contradiction 11."),
     ] = None,
     markdown: Annotated[
-        Path | None, typer.Option(metavar="FILE.md", help="Write the ledger as a page (docs/paper.md).")
+        Path | None, typer.Option(metavar="FILE.md", help="Write the ledger as a page.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:

@@ -127,7 +127,7 @@ class Commander:
         end = self.session.clock.monotonic() + 5.0
         while not self.session.armed:
             if self.session.clock.monotonic() > end:
-                raise CheckFailed("it said yes to arming but did not arm")
+                raise CheckFailed("it accepted the arming command but did not arm")
             self.session.wait("HEARTBEAT", 1.0)
 
     def take_off(self, height_m: float, timeout_s: float = 30.0, held: Held | None = None) -> None:

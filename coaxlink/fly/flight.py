@@ -83,7 +83,7 @@ class Pilot:
         if self.limits.battery > 0:
             left = self._reported()
             if left is None:
-                faults.append("it does not say what is left in the battery (`battery` 0 flies without)")
+                faults.append("it does not report the battery's charge (`battery` 0 flies without)")
             elif left < self.limits.battery:
                 faults.append(f"battery at {100 * left:.0f} %, {100 * self.limits.battery:.0f} is the limit")
         if session.wait("LOCAL_POSITION_NED", SILENCE_S) is None:

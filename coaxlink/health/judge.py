@@ -118,6 +118,20 @@ class Health:
         """Why there is no verdict."""
         return (*self.not_this_vehicle, *self.cannot_judge)
 
+    def __repr__(self) -> str:
+        flights = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
+        return f"Health({self.verdict}, {flights})"
+
+    def __str__(self) -> str:
+        """The verdict, and of every suspect its probability, its loss and since when."""
+        lines = [repr(self), *(reason.line() for reason in self.reasons)]
+        for s in self.suspects:
+            loss = f"{100 * s.loss.value:.0f} % ({100 * s.loss.low:.0f} to {100 * s.loss.high:.0f})"
+            lines.append(
+                f"rotor {s.rotor}: probability {s.probability:.2f}; if so {loss} of its thrust, {s.since}"
+            )
+        return "\n".join(lines)
+
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
         return {

@@ -110,7 +110,7 @@ class NextFlight:
         what = "; ".join(f"{n} x {name}" if n > 1 else name for name, n in counts.items())
         (a, b), (c, d), (e, f) = self.before, self.after, self.hover
         yield (
-            f"the flight that would tell most, {self.seconds:.0f} s within {REACH_M:g} m of the take-off and "
+            f"the most informative flight, {self.seconds:.0f} s within {REACH_M:g} m of the take-off and "
             f"{self.height_m:.1f} to {self.height_m + RISE_M:.1f} m high: {what}"
         )
         yield (

@@ -34,6 +34,9 @@ class CoaxialPrinted:
     name: str = "coaxial-printed"
     dropped: tuple[str, ...] = ("yaw",)
 
+    def __repr__(self) -> str:
+        return f"CoaxialPrinted({len(self.inverse)} rotors)"
+
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,); yaw is ignored."""
         thrust = (self.inverse @ checked_wrench(wrench)).tolist()
@@ -57,6 +60,9 @@ class Coaxial:
     signs: tuple[float, ...]  # spin of the lower against the upper, a pair each
     dropped: tuple[str, ...]
     name: str = "coaxial"
+
+    def __repr__(self) -> str:
+        return f"Coaxial({len(self.printed.inverse)} rotors)"
 
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""

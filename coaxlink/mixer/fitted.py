@@ -292,6 +292,9 @@ class FittedLaw:
         self.table, self._vehicle = fit_table(vehicle) if table is None else table, vehicle
         self._mix = realise(px4_columns(vehicle.airframe, self.table))
 
+    def __repr__(self) -> str:
+        return f"FittedLaw({len(self.table.ct)} rotors, thrust curve {self.table.curve:g})"
+
     def speeds(self, wrench: ArrayLike) -> Array:
         """Normalised speeds (N,) for a wrench (4,)."""
         thrust, roll, pitch, yaw = checked_wrench(wrench)

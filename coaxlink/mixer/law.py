@@ -55,6 +55,22 @@ class Allocation:
         """(4,) delivered minus demanded, N and N m."""
         return self.delivered - self.wrench
 
+    def __repr__(self) -> str:
+        missed = f", {', '.join(self.dropped)} given up" if self.dropped else ""
+        return f"Allocation({self.law} law, {len(self.speeds)} rotors, {self.power_W:.0f} W{missed})"
+
+    def __str__(self) -> str:
+        """A row a rotor, then a row an axis."""
+        lines = [repr(self), "rotor     speed   command  thrust N  torque N m"]
+        for n, (u, c) in enumerate(zip(self.speeds, self.commands, strict=True)):
+            bound = "  at its bound" if self.saturated[n] else ""
+            loads = f"{self.thrust_N[n]:10.3f}{self.torque_Nm[n]:12.4f}"
+            lines.append(f"{n + 1:<5d}{u:10.4f}{c:10.4f}{loads}{bound}")
+        for k, axis in enumerate(AXES):
+            unit = "N m" if k else "N"
+            lines.append(f"{axis} {self.delivered[k]:.4f} {unit} of {self.wrench[k]:.4f}")
+        return "\n".join(lines)
+
     def to_json(self) -> dict[str, Any]:
         """As `coaxlink allocate --json` writes it."""
         return {
@@ -77,8 +93,12 @@ class Allocation:
 def allocate(law: Law, vehicle: Vehicle | str | Path, wrench: ArrayLike) -> Allocation:
     """Run `law` on one wrench (4,): thrust up N, roll, pitch, yaw N m (FRD), and weigh it on `vehicle`.
 
-    The vehicle need not be the law's own. Raises InputError when the wrench is not four finite numbers.
+    The vehicle need not be the law's own. Raises InputError when the wrench is not four finite numbers, or
+    the law is none.
     """
+    if not hasattr(law, "speeds"):
+        problem = f"a law is expected, as make_law makes it of a name and a vehicle; found {law!r}"
+        raise InputError("law", "", problem)
     vehicle = vehicle_of(vehicle)
     airframe, model = vehicle.airframe, vehicle.model
     demand = checked_wrench(wrench)
@@ -103,7 +123,10 @@ def allocate(law: Law, vehicle: Vehicle | str | Path, wrench: ArrayLike) -> Allo
 
 def checked_wrench(wrench: ArrayLike) -> NDArray[np.float64]:
     """The wrench as (4,) floats. Raises InputError on another shape and on what is not finite."""
-    demand = np.array(wrench, float)
+    try:
+        demand = np.array(wrench, float)
+    except (TypeError, ValueError):
+        demand = np.array(np.nan)
     if demand.shape != (len(AXES),) or not np.isfinite(demand).all():
         raise InputError("wrench", "", f"four finite numbers expected ({', '.join(AXES)}), found {wrench!r}")
     return demand

@@ -33,6 +33,9 @@ class SquareLaw:
     most: NDArray[np.float64]  # (N,) speeds at full command
     dropped: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"SquareLaw({self.name}, {len(self.most)} rotors)"
+
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""
         return np.sqrt(np.clip(self.inverse @ checked_wrench(wrench), 0.0, self.most**2))

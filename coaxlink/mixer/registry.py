@@ -27,8 +27,8 @@ LAWS = tuple(_MAKERS)
 def make_law(name: str, vehicle: Vehicle | str | Path, **options: Any) -> Law:
     """The law `name` for this vehicle or airframe file; `options` are the law's own.
 
-    Raises InputError on an unknown name, on what is no Vehicle, on one whose rotors at full throttle do not carry
-    it, and on an airframe that the law cannot serve.
+    Raises InputError on an unknown name, on what is no Vehicle, on one whose rotors at full throttle do not
+    carry it, and on an airframe that the law cannot serve.
 
     >>> from coaxlink.files import example
     >>> from coaxlink.vehicle import load_vehicle

@@ -34,7 +34,7 @@ def damage(logs: Sequence[Samples], said: str = "") -> Iterator[NotJudged]:
     be wrong; `said` is what it would mean."""
     for log in logs:
         if DAMAGED in log.premises:
-            left = f"; what is left of it says: {said}" if said else ""
+            left = f"; the rest of it reads: {said}" if said else ""
             yield NotJudged(DAMAGED, "by an undamaged log", f"{log.source}: {PREMISES[DAMAGED]}{left}")
 
 

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 FITTED, STANDARD = "fitted", "standard"
 
 TERMS = {
-    "mixer, table": "What turns the wanted wrench into motor commands; a table is a mixer that the autopilot "
-    "itself holds in its parameters. Mixing live: a computer beside the autopilot does it instead.",
+    "mixer, table": "What turns the demanded wrench into motor commands; a table is a mixer that the "
+    "autopilot itself holds in its parameters. Mixing live: a computer beside the autopilot does it instead.",
     "wrench": "Thrust (N) and the torques in roll, pitch and yaw (N m), all four together.",
     "allocation error": "The wrench that a mixer means its commands to give, less the one that moved the "
     "vehicle (mass times acceleration, inertia times angular acceleration); mean |error| over the flight.",
     "gain, after gain": "Gain: how much came for one of what was meant, the best constant by least squares. "
-    "The autopilot's integrators learn a constant gain by themselves; what is left after it is the error "
+    "The autopilot's integrators learn a constant gain by themselves; the rest is the error "
     "that they cannot take away.",
     "power": "Mean of voltage times current of the battery over the flight, as the vehicle reports them.",
-    "height": "Mean |height wanted - height flown|, m.",
+    "height": "Mean |height demanded - height flown|, m.",
     "forward, rightward, downward force": "Forces on the body in its own axes, N; roll, pitch and yaw "
     "torque, N m. In the JSON they are force_x, force_y, force_z and torque_x, torque_y, torque_z.",
     "residual": "What was measured less what the model says: what the model does not explain.",

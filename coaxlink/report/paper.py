@@ -15,7 +15,7 @@ HEAD = """# The paper against its own numbers
 Berra, Trujillo Soto and Heredia, *Aerodynamic Interaction Minimization in Coaxial Multirotors via Optimized
 Control Allocation*, Drones 2024, 8(9), 446. Made by
 
-    coaxlink reproduce --markdown docs/paper.md
+    coaxlink reproduce --markdown LEDGER.md
 
 "printed" is what the paper prints, "computed" what coaxlink makes of it; nothing computed is copied from
 print. Contradiction 11 needs a real stand log (`--pair LOG`).
@@ -33,7 +33,7 @@ def tables(ledger: Ledger) -> Iterator[Any]:
 
 
 def markdown(ledger: Ledger) -> str:
-    """The ledger as docs/paper.md."""
+    """The ledger as a page."""
     parts = [HEAD, "| entry | what | verdict |", "|---|---|---|"]
     parts += [f"| [{e.id}](#{e.id}) | {e.title} | {e.verdict} |" for e in ledger.claims]
     for claim in ledger.claims:

@@ -34,14 +34,14 @@ def verdict(result: Refinement) -> str:
             " or ".join(a.names) for a in result.ambiguous
         )
     if result.unexplained:
-        return f"no known effect explains what is left{_more(result)}"
+        return f"no known effect explains the residual{_more(result)}"
     if result.surface:
         bent = f"the loads are no polynomials of the speeds: {surface(result)}"
         return f"no effect found, but {bent}{_more(result)}"
     if times_floor := above_floor(result):
         times = max(times_floor.values())
         return (
-            f"no effect found: what is left of {', '.join(times_floor)}, up to {times:.1f} times the scatter "
+            f"no effect found: the residual of {', '.join(times_floor)}, up to {times:.1f} times the scatter "
             "of neighbouring rows, hangs together in time as gusts and ringing do, or is too small to matter"
             f"{_more(result)}"
         )
@@ -117,7 +117,9 @@ def surface(result: Refinement) -> str:
 def _probable(evidence: Mapping[str, Any]) -> str:
     """How probable a claim is, and by how much no other name is."""
     said = f"probability {_chance(evidence['probability'])}"
-    return f"{said}, {evidence['nats']:.0f} nats ahead of any other name" if "nats" in evidence else said
+    return (
+        f"{said}, log evidence {evidence['nats']:.0f} above any other name's" if "nats" in evidence else said
+    )
 
 
 def either(a: Ambiguous) -> str:

@@ -6,7 +6,6 @@ they are judged by has not seen.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.notebook import Shown
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 from coaxlink.rotor import RotorModel
 
@@ -157,7 +157,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Refinement:
+class Refinement(Shown):
     """The whole answer; `to_json` is the contract's object."""
 
     kind: str  # stand or flight
@@ -186,11 +186,6 @@ class Refinement:
     def __repr__(self) -> str:
         names = ", ".join(e.name for e in self.effects) or "no effect"
         return f"Refinement({self.kind}, {self.verdict}: {names}, {len(self.channels)} channels)"
-
-    def _repr_html_(self) -> str:
-        """For a notebook: what is printed, and the picture."""
-        # by name: the report stands above this room
-        return str(importlib.import_module("coaxlink.report.notebook").html_of(self))
 
     def __str__(self) -> str:
         """The answer: what was found with its numbers, what stays open, and the errors before and after."""

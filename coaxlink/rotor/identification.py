@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from coaxlink.data import Samples
 from coaxlink.data.aliases import SIDES
 from coaxlink.errors import InputError
 from coaxlink.load import Load
+from coaxlink.notebook import Shown
 from coaxlink.rotor.drive_fit import drive_of
 from coaxlink.rotor.fit import (
     FORMS,
@@ -73,7 +73,7 @@ class Outlier:
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Shown):
     """An identified model, and everything said about it."""
 
     form: str
@@ -103,11 +103,6 @@ class Identification:
             if name not in COAXIAL
         ]
         return "\n".join([rows, str(self.model), *errors])
-
-    def _repr_html_(self) -> str:
-        """For a notebook: what is printed, and the picture."""
-        # by name: the report stands above this room
-        return str(importlib.import_module("coaxlink.report.notebook").html_of(self))
 
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""

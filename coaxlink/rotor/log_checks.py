@@ -298,7 +298,7 @@ def _few_rows(data: StandData, form: str) -> Iterator[str]:
         rows = int(np.isfinite(data.loads[load]).sum())
         if rows < ROWS_A_TERM * terms:
             yield (
-                f"{load}: {rows} rows for the {terms} terms of {form}: {ROWS_A_TERM} a term are wanted; "
+                f"{load}: {rows} rows for the {terms} terms of {form}: {ROWS_A_TERM} a term are needed; "
                 "`form` rcrm has at most 2"
             )
 

@@ -7,7 +7,6 @@ upper rotor with u_l = 0. Effects found in measured data travel with the model a
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -22,6 +21,7 @@ from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.load import LOADS as LOADS
 from coaxlink.load import Load
+from coaxlink.notebook import Shown
 from coaxlink.rotor.drive import BatteryPower, Drive, SideDrive, SpeedTable, of_curves
 from coaxlink.rotor.polynomial import Polynomial
 from firmware_params.keys import is_near, problem_of
@@ -62,7 +62,7 @@ class PairLoads:
 
 
 @dataclass(frozen=True)
-class RotorModel:
+class RotorModel(Shown):
     """One coaxial pair: four polynomials over speeds, what commands turn, and where they come from."""
 
     form: str  # crm, rcrm, srm, cpcm
@@ -82,11 +82,6 @@ class RotorModel:
         terms = sum(len(self.surface(load).coefficients) for load in Load)
         effects = f", effects: {', '.join(e.name for e in self.effects)}" if self.effects else ""
         return f"RotorModel({self.form}, {terms} terms, u = 1 at {self.speed_max_rpm:g} rpm{effects})"
-
-    def _repr_html_(self) -> str:
-        """For a notebook: what is printed, and the picture."""
-        # by name: the report stands above this room
-        return str(importlib.import_module("coaxlink.report.notebook").html_of(self))
 
     def __str__(self) -> str:
         """The model as equations with their units."""

@@ -32,7 +32,7 @@ OUTCOMES = {  # what was put into the mixer, in words
     "suspect_data": "nothing changed: the data contradict themselves, and no mixer may follow a biased "
     "sensor; put it right and fly again",
     "ambiguous": "nothing changed: the data do not say which effect it is",
-    "unexplained": "nothing changed: no known effect explains what is left",
+    "unexplained": "nothing changed: no known effect explains the residual",
 }
 
 

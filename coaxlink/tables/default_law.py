@@ -54,9 +54,9 @@ def choose_law(
     ceiling = min(wanted, _REACH * standard.ceiling_N)
     yaw = YAW_SHARE * standard.limits[2].moment_Nm
     has = (
-        f"its ceiling is {fitted.thrust_to_weight:.2f} times the weight ({THRUST_TO_WEIGHT:g} wanted), its "
-        f"yaw {fitted.limits[2].moment_Nm / standard.limits[2].moment_Nm:.0%} of the standard table's "
-        f"({YAW_SHARE:.0%} wanted)"
+        f"its ceiling is {fitted.thrust_to_weight:.2f} times the weight ({THRUST_TO_WEIGHT:g} is the least), "
+        f"its yaw {fitted.limits[2].moment_Nm / standard.limits[2].moment_Nm:.0%} of the standard table's "
+        f"({YAW_SHARE:.0%} is the least)"
     )
     if fitted.ceiling_N >= ceiling and fitted.limits[2].moment_Nm >= yaw:
         return ChosenLaw("fitted", fit, f"the fitted table: {has}")

@@ -62,9 +62,18 @@ class Vehicle:
     turning: Turning = field(init=False)  # what effects leave of the speeds that the drive alone gives
 
     def __post_init__(self) -> None:
-        for name, load in (("declared", load_airframe), ("rotors", load_rotor_model)):
-            if isinstance(given := getattr(self, name), (str, Path)):  # a file of either
+        for name, kind, load in (
+            ("declared", Airframe, load_airframe),
+            ("rotors", RotorModel, load_rotor_model),
+        ):
+            given = getattr(self, name)
+            if isinstance(given, (str, Path)):  # a file of either
                 object.__setattr__(self, name, load(Path(given)))
+            elif not isinstance(given, kind):
+                found = (
+                    f"an airframe and a rotor model are expected, in this order; found {type(given).__name__}"
+                )
+                raise InputError("vehicle", name, found)
         vehicle = StaticVehicle(self.declared, self.rotors, self.conditions, *self.declared.gains, usual_lift)
         compensated: dict[str, str] = {}
         left_out: dict[str, str] = {}

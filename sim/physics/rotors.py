@@ -64,5 +64,5 @@ def _powers(path: Path, where: str, name: str) -> tuple[int, int]:
             raise WorldError(path, where, "a term is a product of powers such as 'u_u^2 u_l', or '1'")
         powers[base] += int(exponent or 1)
     if max(powers.values()) > ORDER:
-        raise WorldError(path, where, f"the world's rotors know powers up to {ORDER}")
+        raise WorldError(path, where, f"simulated rotors know powers up to {ORDER}")
     return powers["u_u"], powers["u_l"]

@@ -170,7 +170,7 @@ class _BatchFlight:
                 raise WorldError("effects", e.name, "is not for these flights; coaxlink sim has it")
         if isinstance(world.plan, str) and world.plan not in PLANS:
             raise WorldError("plan", world.plan, f"one of {', '.join(PLANS)} is expected")
-        self.k, self.design, self.world, self.every = kernel, design, world, log_every
+        self.k, self.design, self.world = kernel, design, world
         self.plant = plant = Plant(design.vehicle, design.pair)
         self.sensors = Sensors(plant, world.seed, read_s=1.0 / world.rate_hz)
         self.total = round((world.settle_s + world.seconds) * world.rate_hz)
@@ -180,13 +180,12 @@ class _BatchFlight:
         self.memory = np.zeros(loops.MEMORY)
         self.memory[loops.M_HOVER] = design.hover
         self.gusts, self.gust_noise = gusts_of(world.effects), np.random.default_rng(world.seed)
-        self.demand, self.sp = np.zeros(loops.DEMAND), np.zeros(n, np.float32)
-        self.command, self.sums = np.zeros(n), np.zeros(kernel.SUMS)
-        self.sums[[kernel.A_LOWEST, kernel.A_WANTED]] = -np.inf
-        self.thin_every = max(round(THIN_S * world.rate_hz), 1)
-        self.thin = np.zeros((-(-(self.total - self.judged) // self.thin_every), 4 + n))
-        rows = -(-self.total // log_every) if log_every else 0
-        self.log = np.zeros((rows, 15 + 2 * n))
+        self.demand, self.command, sums = np.zeros(loops.DEMAND), np.zeros(n), np.zeros(kernel.SUMS)
+        sums[[kernel.A_LOWEST, kernel.A_WANTED]] = -np.inf
+        thin_every = max(round(THIN_S * world.rate_hz), 1)
+        thin = np.zeros((-(-(self.total - self.judged) // thin_every), 4 + n))
+        log = np.zeros((-(-self.total // log_every) if log_every else 0, 15 + 2 * n))
+        self.kept = kernel.Kept(sums, thin, thin_every, log, log_every)
 
     def _start(self) -> None:
         """At the goal, with its rotors at hover speed; the sensors were read once, as at boot."""
@@ -209,6 +208,11 @@ class _BatchFlight:
         self._start()
         book = d.law.book() if d.law is not None else np.zeros(1, np.int64)
         address = d.law.address if d.law is not None else 0
+        top = p.pair.speed_max_rpm * math.pi / 30.0
+        body = k.Body(p.state, p.parameters, p.geometry, *p.compiled, p.out, self.gusts, top, FOOT_Z_M)
+        steering = k.Loops(d.gains, self.memory, self.demand)
+        scratch = np.zeros(len(self.command), np.float32)
+        mix = k.Mix(d.columns, d.curve, address, book, scratch, self.command)
         ring = None
         turn, ended = 0, 0
         while turn < self.total and not ended:
@@ -221,14 +225,10 @@ class _BatchFlight:
             last = min(turn + CHUNK, self.total, *(self._turn_of(e) for e in self.waiting))
             noise = self.sensors.rows(last - turn)
             kicks = self.gust_noise.standard_normal((last - turn, 3))
-            top = p.pair.speed_max_rpm * math.pi / 30.0
-            turn, ended = k.fly(
-                turn, last, self.judged, w.rate_hz, STEP_S, p.state, p.parameters, p.geometry, *p.compiled,
-                p.out, top, FOOT_Z_M, self._goals(turn, last), noise, kicks, ring, self.sensors.memory,
-                self.sensors.turns,
-                self.gusts, d.gains, self.memory, d.columns, d.curve, address, book, self.demand, self.sp,
-                self.command, self.sums, self.thin, self.thin_every, self.log, self.every,
-            )  # fmt: skip
+            turns = k.Turns(turn, last, self.judged, w.rate_hz, STEP_S)
+            rows = k.Rows(self._goals(turn, last), noise, kicks)
+            senses = k.Senses(ring, self.sensors.memory, self.sensors.turns)
+            turn, ended = k.fly(turns, body, rows, senses, steering, mix, self.kept)
         return self._judge(turn, ended), self._columns(turn)
 
     def _now(self) -> Array:
@@ -258,12 +258,12 @@ class _BatchFlight:
                 rise(self.gusts, p.parameters)
 
     def _judge(self, turns: int, ended: int) -> FlightFigures:
-        k, a, rate = self.k, self.sums, self.world.rate_hz
+        k, a, rate = self.k, self.kept.sums, self.world.rate_hz
         count = a[k.A_TURNS]
         if count == 0.0:
             return _flown([0.0, *[math.nan] * (len(FIGURES) - 2), self.plant.charge], ENDS[ended])
         rms = np.sqrt(np.maximum(a, 0.0) / count)
-        rows = self.thin[: -(-int(count) // self.thin_every)]
+        rows = self.kept.thin[: -(-int(count) // self.kept.thin_every)]
         off = shape_error(rows[:, :4], steady(self.plant, rows[:, 4:]))
         degrees = np.degrees([rms[k.A_TILT], rms[k.A_YAW], a[k.A_YAW_MAX]])
         rates = np.degrees(rms[k.A_ROLL_RATE : k.A_ROLL_RATE + 3])
@@ -278,9 +278,10 @@ class _BatchFlight:
         return _flown([count / rate, *figures], failsafe)
 
     def _columns(self, turns: int) -> dict[str, Array]:
-        if not self.every:
+        every = self.kept.log_every
+        if not every:
             return {}
-        rows = self.log[: -(-turns // self.every)]
+        rows = self.kept.log[: -(-turns // every)]
         return dict(zip(columns(self.design.vehicle.rotors), rows.T, strict=True))
 
 

@@ -9,6 +9,7 @@ apart: at 400 Hz the plant is moved by 2 and 3 steps in turn.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,42 +76,111 @@ def judge(state, out, goal, demand, command, n, top, a):
         a[A_ROLL_RATE + k] += off * off
 
 
-@cached(**OPTIONS)
-def fly(
-    first, last, judged, rate, h, state, p, geo, pairs, poly, blades, out, top, ground, goals, noise,
-    kicks, ring, s, turns, w, g, m, columns, curve, address, book, demand, sp, command, a, thin,
-    thin_every, log, log_every,
-):  # fmt: skip
-    """Turns first..last (from 0 on; row 0 of goals, noise and kicks is turn `first`'s).
+class Turns(NamedTuple):
+    """Which turns are flown, counted from the flight's first."""
 
-    Returns (turns flown, how it ended: FLEW, TIPPED, GROUND). `judged`: turn from which sums are taken; ring
-    (late + 1, 18 + N): readings, of which the oldest is flown by; thin (rows, 4 + N), log (rows, 15 + 2 N).
-    """
-    n, dt, late = len(command), 1.0 / rate, len(ring) - 1
+    first: int
+    last: int
+    judged: int  # from which on sums are taken
+    rate_hz: int
+    step_s: float  # of the plant
+
+
+class Body(NamedTuple):
+    """The plant and the air around it, as `Plant` and `wind` keep them."""
+
+    state: Any
+    parameters: Any
+    geometry: Any
+    pairs: Any
+    loads: Any
+    blades: Any
+    out: Any
+    gusts: Any
+    top_rad_s: float
+    ground_m: float
+
+
+class Rows(NamedTuple):
+    """A row a turn, of which row 0 is the first one's."""
+
+    goals: Any
+    noise: Any
+    kicks: Any  # of the gusts
+
+
+class Senses(NamedTuple):
+    """Readings, and what sensors remember."""
+
+    ring: Any  # (late + 1, 18 + N), of which the oldest is flown by
+    memory: Any
+    turns: Any  # how each sensor is turned
+
+
+class Loops(NamedTuple):
+    """PX4's, as `px4.loops` has them."""
+
+    gains: Any
+    memory: Any
+    demand: Any
+
+
+class Mix(NamedTuple):
+    """From demand to command: PX4's table, or the C function at an address, as `quick.mix` has them."""
+
+    columns: Any  # (6, N)
+    curve: float
+    address: int  # 0: PX4's table
+    book: Any
+    scratch: Any  # (N,)
+    command: Any  # (N,)
+
+
+class Kept(NamedTuple):
+    """What stays of the flight."""
+
+    sums: Any
+    thin: Any  # (rows, 4 + N), a row every `thin_every` turns
+    thin_every: int
+    log: Any  # (rows, 15 + 2 N), a row every `log_every` turns; 0: none
+    log_every: int
+
+
+@cached(**OPTIONS)
+def fly(turns, body, rows, senses, loops, mix, kept):
+    """Fly these turns; returns (turns flown, how it ended: FLEW, TIPPED, GROUND)."""
+    first, rate, h = turns.first, turns.rate_hz, turns.step_s
+    state, top, command, demand = body.state, body.top_rad_s, mix.command, loops.demand
+    n, dt, ring, late = len(command), 1.0 / rate, senses.ring, len(senses.ring) - 1
     before = 0.0 if first == 0 else h * ((1000 * first) // rate - (1000 * (first - 1)) // rate)
-    for turn in range(first, last):
+    for turn in range(first, turns.last):
         row = turn - first
-        wind.blow(w, p, ground - state[2], before, kicks[row])
-        sensing.read(state, out, top, ground, s, noise[row], turns, dt, ring[turn % (late + 1)])
-        r = ring[max(turn - late, 0) % (late + 1)]
-        goal = goals[row]
-        steer(goal, r, g, m, dt, demand)
+        wind.blow(body.gusts, body.parameters, body.ground_m - state[2], before, rows.kicks[row])
+        sensing.read(
+            state, body.out, top, body.ground_m, senses.memory, rows.noise[row], senses.turns, dt,
+            ring[turn % (late + 1)],
+        )  # fmt: skip
+        reading, goal = ring[max(turn - late, 0) % (late + 1)], rows.goals[row]
+        steer(goal, reading, loops.gains, loops.memory, dt, demand)
         thrust = demand[D_THRUST]
-        if address == 0:
-            px4_command(columns, curve, demand[0], demand[1], demand[2], thrust, sp, command)
+        if mix.address == 0:
+            px4_command(mix.columns, mix.curve, demand[0], demand[1], demand[2], thrust, mix.scratch, command)
         else:
-            call_law(address, book, demand, command)
+            call_law(mix.address, mix.book, demand, command)
         for i in range(n):  # a PWM output has a thousand steps
             command[i] = np.rint(command[i] * PWM_STEPS) / PWM_STEPS
-        if log_every and turn % log_every == 0:
-            log_row(h * ((1000 * turn) // rate), r, command, n, top, log[turn // log_every])
+        if kept.log_every and turn % kept.log_every == 0:
+            log_row(h * ((1000 * turn) // rate), reading, command, n, top, kept.log[turn // kept.log_every])
         steps = (1000 * (turn + 1)) // rate - (1000 * turn) // rate
-        advance(state, command, p, geo, pairs, poly, blades, h, steps, out)
+        advance(
+            state, command, body.parameters, body.geometry, body.pairs, body.loads, body.blades, h, steps,
+            body.out,
+        )  # fmt: skip
         before = h * steps
-        if turn >= judged:
-            judge(state, out, goal, demand, command, n, top, a)
-            if (turn - judged) % thin_every == 0:
-                slim = thin[(turn - judged) // thin_every]
+        if turn >= turns.judged:
+            judge(state, body.out, goal, demand, command, n, top, kept.sums)
+            if (turn - turns.judged) % kept.thin_every == 0:
+                slim = kept.thin[(turn - turns.judged) // kept.thin_every]
                 slim[0], slim[1], slim[2], slim[3] = thrust, demand[0], demand[1], demand[2]
                 for i in range(n):
                     slim[4 + i] = command[i]
@@ -119,4 +189,4 @@ def fly(
             return turn + 1, TIPPED
         if state[2] > -0.02:
             return turn + 1, GROUND
-    return last, FLEW
+    return turns.last, FLEW

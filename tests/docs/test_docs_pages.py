@@ -13,9 +13,10 @@ from coaxlink.cli import build_app
 from coaxlink.fly import commands, flight
 from coaxlink.rotor import load_rotor_model
 
-FOLLOWED = ("tutorial.md", *sorted(f"howto/{p.name}" for p in (DOCS / "howto").glob("*.md")))
+HOW_TO = sorted(f"howto/{p.name}" for p in (DOCS / "howto").glob("*.md"))
+FOLLOWED = ("tutorial.md", "stand.md", "airframe.md", *HOW_TO)
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md"))]
-STAND = DOCS / "howto" / "own_stand.md"
+STAND = DOCS / "stand.md"
 MAX_RPM = 5500.0
 PATIENCE_S = 300.0  # with a stand-in that a busy machine does not let run
 
@@ -68,7 +69,7 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     assert "found: degraded_rotor" in said and "verified" in said
     assert "lower rotors carried" in (tmp_path / "both.html").read_text()
 
-    for page in ("howto/own_stand.md", "howto/own_vehicle.md", "howto/px4.md", "howto/failed_upload.md",
+    for page in ("stand.md", "airframe.md", "howto/px4.md", "howto/failed_upload.md",
                  "howto/px4_module.md"):  # fmt: skip
         reader.follow(page)
     model = load_rotor_model(tmp_path / "rotor.toml")

@@ -179,7 +179,7 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
     assert flown.duration_s == pytest.approx(64.0) and plan_faults(flown, FlightLimits()) == []
     said = capsys.readouterr()
     assert "next flight" in said.out
-    assert "the flight that would tell most, 60 s within 2 m of the take-off" in said.err
+    assert "the most informative flight, 60 s within 2 m of the take-off" in said.err
     assert f"coaxlink fly --plan {plan}" in said.err
     found = json.loads(report.read_text())["next"]
     assert found["plan"] == tomllib.loads(plan.read_text())

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import coaxlink
 from coaxlink.cli import main
 from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
 
@@ -52,6 +53,11 @@ def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
         low <= 1.0 <= high for f in found["flights"] for p in f["pairs"] for _, low, high in [p["thrust"]]
     )
     said = capsys.readouterr()
+    from_python = coaxlink.check_health(flights / "monday.csv", VEHICLE[1])
+    assert json.loads(json.dumps(from_python.as_json())) == found
+    assert str(from_python).startswith("Health(sound, 1 flight)\nrotor ")
+    page = coaxlink.write_report(flights / "monday.csv", tmp_path / "monday.html", VEHICLE[1])
+    assert page.read_text().lower().startswith("<!doctype html>")
     assert "sound" in said.out and "shipped" not in said.err
     assert f"a loss of {100 * found['detects']:.0f} % would have been seen" in " ".join(said.out.split())
 

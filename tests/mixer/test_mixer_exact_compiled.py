@@ -1,6 +1,7 @@
 """The exact law compiled: in Python's loop, in a batch, and as a C function; kept by its own source."""
 
 import ctypes
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import pytest
 from coaxlink import files
 from coaxlink.mixer.exact import ExactLaw, compiled
 from coaxlink.mixer.exact.native import NativeExact
-from coaxlink.vehicle import load_vehicle
+from coaxlink.rotor.drive import Drive, SideDrive
+from coaxlink.vehicle import Vehicle, load_vehicle
 
 KIND = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
 
@@ -26,8 +28,13 @@ def _run(law, rotors, demands):
 
 @pytest.mark.slow
 def test_the_c_function_is_the_law():
-    for name, rotors in (("x8_demo.toml", 8), ("y6.toml", 6)):
-        law = NativeExact(load_vehicle(files.example(name)))
+    x8 = load_vehicle(files.example("x8_demo.toml"))
+    drive = Drive(
+        SideDrive((0.02, 0.6, 0.1), 0.15), SideDrive((0.03, 0.5, 0.2), 0.1, range=(0.05, 1.0)), 22.0
+    )
+    driven = Vehicle(x8.airframe, dataclasses.replace(x8.rotors, drive=drive))
+    for vehicle, rotors in ((x8, 8), (driven, 8), (load_vehicle(files.example("y6.toml")), 6)):
+        law = NativeExact(vehicle)
         random = np.random.default_rng(2)
         demands = np.column_stack([*random.uniform(-0.3, 0.3, (3, 200)), random.uniform(0.1, 0.9, 200)])
         flown = _run(law, rotors, demands)

@@ -101,4 +101,4 @@ def identify_from_flights(
     if plan:
         say(f"with that on board: coaxlink fly --plan {plan} --connect URL flies the plan")
     else:
-        say("--next PLAN.toml plans the flight that would tell most")
+        say("--next PLAN.toml plans the most informative flight")

@@ -41,7 +41,7 @@ def introduced(session: Session) -> Iterator[Session]:
     finally:
         tell_news(session)
         if session.trouble:
-            say(f"{session.trouble}: what was said in this session may be played back")
+            say(f"{session.trouble}: this session's messages may be played back")
 
 
 def tell_news(session: Session) -> None:

@@ -44,7 +44,7 @@ GROUPS = {
         "sim": "Fly a simulated autopilot, or measure a simulated stand.",
         "loop": "Fly, refine, make a new table, fly again.",
         "campaign": "Fly a campaign of simulated flights; stopped, it goes on.",
-        "allocate": "Allocate one wrench: speeds, thrusts, torques, what is left.",
+        "allocate": "Allocate one wrench: speeds, thrusts, torques, and the error.",
         "reproduce": "Recompute what the paper prints.",
         "examples": "List the shipped files, or copy them here.",
     },

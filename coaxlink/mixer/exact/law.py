@@ -77,6 +77,10 @@ class ExactLaw:
         self.reset()
         self._settle_home()
 
+    def __repr__(self) -> str:
+        how = "compiled" if self.compiled else "in Python"
+        return f"ExactLaw({len(self._slots)} rotors, {how}; hovers at {self._weight:.1f} N)"
+
     def _settle_home(self) -> None:
         """Find where the vehicle hovers: what calls begin from."""
         arms, state = as_lists(self.arms), as_lists(standing(self.arms))

@@ -9,7 +9,7 @@ flight has a memory of its own.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,28 @@ from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw
 from coaxlink.mixer.exact.solver import Arms, State
 from coaxlink.vehicle import Vehicle
 
-# the book: the numbers of Arms, terms of a surface and of a power, rotors, shape of a torque; then addresses
-# of the arrays of Arms and of State, of the units of a demand, of the slots, of what speeds are told by
-FIRST = Arms._fields.index("surface")  # before it stand numbers
-SIZES, ARRAYS = 11, len(Arms._fields) - FIRST + len(State._fields)
-BOOK = SIZES + ARRAYS + 3
+
+class Own(NamedTuple):
+    """What the book has beside Arms and State: sizes, then arrays."""
+
+    surface_terms: Any
+    power_terms: Any
+    rotors: Any
+    torque_rows: Any
+    torque_columns: Any
+    driven: Any  # whether the numbers of a drive bend commands
+    units: Any  # (4,) wrench of a unit of demand by rank, in the solver's unit
+    demands: Any  # (4,) where that demand stands
+    slots: Any  # (rotors,) which of the 2K coordinates is rotor n's
+    nominal: Any  # (POWERS,) of the nominal speed over the true one
+    command: Any  # (2, POWERS) of an upper and of a lower rotor: command over speed
+    per_torque: Any  # (2, 2)
+    least: Any  # (2,) least speed that was measured
+    torque: Any  # (2, rows, columns)
+
+
+# the book: these one after the other, every array as its address
+ARMS, STATE, OWN = len(Arms._fields), len(State._fields), len(Own._fields)
 
 
 class NativeExact:
@@ -40,12 +57,8 @@ class NativeExact:
         self._law = ExactLaw(vehicle, compiled=True)
         self._speeds = law_commands(self._law, vehicle, full)
         order, scale = self._law.units.order, self._law.units.scale
-        units = demand_units(frame, full)[order] / scale
-        # (2, 4): wrench of a unit of demand by rank, in the solver's unit; where that demand stands
-        self._units = np.stack([units, np.array([3.0, 0.0, 1.0, 2.0])[order]])
-        self._slots = np.ascontiguousarray(self._law.units.slots, np.int64)
+        self._own = _own(Edge.of(vehicle), self._law, demand_units(frame, full)[order] / scale)
         self._alive: State | None = None
-        self._edge = _edge_numbers(Edge.of(vehicle))
         self.address = int(_function().address)
 
     def command(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
@@ -56,24 +69,33 @@ class NativeExact:
         """As new, standing where it hovers; it lives until the next one is made."""
         p = self._law.arms
         self._alive = standing(p)
-        numbers, shape = self._edge
-        arrays = [*p[FIRST:], *self._alive, self._units, self._slots, numbers]
-        tables = [p.surface.shape[2], p.power.shape[1]]
-        sizes = [*p[:FIRST], *tables, len(self._slots), *shape]
-        return np.array([*sizes, *(a.ctypes.data for a in arrays)], np.int64)
+        entries = (*p, *self._alive, *self._own)
+        return np.array([e.ctypes.data if isinstance(e, np.ndarray) else e for e in entries], np.int64)
 
 
-def _edge_numbers(edge: Edge) -> tuple[NDArray[np.float64], tuple[int, int]]:
-    """[driven, nominal (POWERS), of both drives: command (POWERS), per torque (2), least, torque], shape."""
+def _own(edge: Edge, law: ExactLaw, units: NDArray[np.float64]) -> Own:
     drives = edge.drives or (STRAIGHT, STRAIGHT)
     torques = [np.array(drive.torque.coefficients) for drive in drives]
     rows, columns = (max(t.shape[i] for t in torques) for i in (0, 1))
-    numbers = [0.0 if edge.straight else 1.0, *(edge.nominal or STRAIGHT.command)]
-    for drive, torque in zip(drives, torques, strict=True):
-        dense = np.zeros((rows, columns))
-        dense[: torque.shape[0], : torque.shape[1]] = torque
-        numbers += [*drive.command, *drive.per_torque, drive.least, *dense.ravel().tolist()]
-    return np.array(numbers), (rows, columns)
+    dense = np.zeros((2, rows, columns))
+    for side, torque in enumerate(torques):
+        dense[side, : torque.shape[0], : torque.shape[1]] = torque
+    return Own(
+        surface_terms=law.arms.surface.shape[2],
+        power_terms=law.arms.power.shape[1],
+        rotors=len(law.units.slots),
+        torque_rows=rows,
+        torque_columns=columns,
+        driven=int(not edge.straight),
+        units=np.ascontiguousarray(units, float),
+        demands=np.array([3, 0, 1, 2], np.int64)[law.units.order],
+        slots=np.ascontiguousarray(law.units.slots, np.int64),
+        nominal=np.array(edge.nominal or STRAIGHT.command),
+        command=np.array([drive.command for drive in drives]),
+        per_torque=np.array([drive.per_torque for drive in drives]),
+        least=np.array([drive.least for drive in drives]),
+        torque=dense,
+    )
 
 
 @cache
@@ -82,6 +104,7 @@ def _function() -> Any:
     import numba
     from numba import carray, types
     from numba.extending import intrinsic
+    from numba.np.unsafe.ndarray import to_fixed_tuple
 
     optimum = function()
 
@@ -98,59 +121,65 @@ def _function() -> Any:
     f, i = pointer_to(types.float64), pointer_to(types.int64)
 
     def law(book_at, demand_at, command_at):
-        book, demand = carray(book_at, BOOK), carray(demand_at, 4)
-        arms, m, at = book[0], book[1], book[SIZES:]
-        n, rotors, rows, columns = 2 * arms, book[8], book[9], book[10]
+        book, demand = carray(book_at, ARMS + STATE + OWN), carray(demand_at, 4)
+        a = Arms(*to_fixed_tuple(book[:ARMS], ARMS))  # of addresses, as are the next two
+        t = State(*to_fixed_tuple(book[ARMS : ARMS + STATE], STATE))
+        o = Own(*to_fixed_tuple(book[ARMS + STATE :], OWN))
+        arms, m, n = a.size, a.surfaces, 2 * a.size
         p = Arms(
-            arms, m, book[2], book[3], book[4], book[5],
-            carray(f(at[0]), (arms, m, book[6])), carray(f(at[1]), (arms, book[7])),
-            carray(f(at[2]), (arms, m, 4)), carray(f(at[3]), n), carray(f(at[4]), n), carray(f(at[5]), 4),
-            carray(f(at[6]), (n, 4)), carray(f(at[7]), (arms, 4)), carray(f(at[8]), n), carray(f(at[9]), 1),
+            size=arms, surfaces=m, order_u=a.order_u, order_s=a.order_s, power_u=a.power_u,
+            power_s=a.power_s, surface=carray(f(a.surface), (arms, m, o.surface_terms)),
+            power=carray(f(a.power), (arms, o.power_terms)), gain=carray(f(a.gain), (arms, m, 4)),
+            lo=carray(f(a.lo), n), hi=carray(f(a.hi), n), cap=carray(f(a.cap), 4),
+            squares=carray(f(a.squares), (n, 4)), line=carray(f(a.line), (arms, 4)),
+            home=carray(f(a.home), n), within=carray(f(a.within), 1),
         )  # fmt: skip
         s = State(
-            carray(f(at[10]), 4), carray(f(at[11]), n), carray(i(at[12]), n), carray(f(at[13]), 4),
-            carray(i(at[14]), 4), carray(f(at[15]), 4), carray(f(at[16]), 1), carray(f(at[17]), n),
-            carray(f(at[18]), (n, 4)), carray(f(at[19]), (arms, 3)), carray(f(at[20]), n),
-            carray(f(at[21]), (n, 4)), carray(f(at[22]), n), carray(f(at[23]), (4, 4)),
-            carray(f(at[24]), (4, 4)), carray(f(at[25]), 4), carray(f(at[26]), 4), carray(f(at[27]), 4),
-            carray(f(at[28]), n), carray(f(at[29]), n), carray(f(at[30]), n), carray(f(at[31]), (3, 4)),
-            carray(f(at[32]), (3, 4)), carray(i(at[33]), (3, 4)), carray(f(at[34]), (3, n)),
-            carray(i(at[35]), (3, n)), carray(f(at[36]), 1), carray(f(at[37]), n), carray(f(at[38]), 5),
-            carray(f(at[39]), 1),
+            mu=carray(f(t.mu), 4), x=carray(f(t.x), n), act=carray(i(t.act), n), price=carray(f(t.price), 4),
+            gone=carray(i(t.gone), 4), miss=carray(f(t.miss), 4), power=carray(f(t.power), 1),
+            slope=carray(f(t.slope), n), jacobian=carray(f(t.jacobian), (n, 4)),
+            hessian=carray(f(t.hessian), (arms, 3)), own=carray(f(t.own), n),
+            reply=carray(f(t.reply), (n, 4)), step=carray(f(t.step), n), schur=carray(f(t.schur), (4, 4)),
+            factor=carray(f(t.factor), (4, 4)), right=carray(f(t.right), 4), dual=carray(f(t.dual), 4),
+            before=carray(f(t.before), 4), low=carray(f(t.low), n), high=carray(f(t.high), n),
+            kept=carray(f(t.kept), n), old_mu=carray(f(t.old_mu), (3, 4)),
+            old_price=carray(f(t.old_price), (3, 4)), old_gone=carray(i(t.old_gone), (3, 4)),
+            old_x=carray(f(t.old_x), (3, n)), old_act=carray(i(t.old_act), (3, n)),
+            smooth=carray(f(t.smooth), 1), best=carray(f(t.best), n), looked=carray(f(t.looked), 5),
+            looks=carray(f(t.looks), 1),
         )  # fmt: skip
-        units, slots = carray(f(at[ARRAYS]), (2, 4)), carray(i(at[ARRAYS + 1]), rotors)
-        drive = POWERS + 3 + rows * columns
-        edge = carray(f(at[ARRAYS + 2]), 1 + POWERS + 2 * drive)
-        command = carray(command_at, rotors)
+        units, demands, slots = carray(f(o.units), 4), carray(i(o.demands), 4), carray(i(o.slots), o.rotors)
+        nominal, straight = carray(f(o.nominal), POWERS), carray(f(o.command), (2, POWERS))
+        per_torque, least = carray(f(o.per_torque), (2, 2)), carray(f(o.least), 2)
+        torque = carray(f(o.torque), (2, o.torque_rows, o.torque_columns))
+        command = carray(command_at, o.rotors)
         for j in range(4):
-            s.mu[j] = min(max(demand[int(units[1, j])] * units[0, j], -FAR), FAR)
+            s.mu[j] = min(max(demand[demands[j]] * units[j], -FAR), FAR)
         optimum(p, s, STEPS)
-        for r in range(rotors):
+        for r in range(o.rotors):
             k, side = slots[r] // 2, slots[r] % 2
             u, line = s.x[2 * k], p.line[k]
-            least = line[0] + line[1] * u
-            v = least + (line[2] + line[3] * u - least) * s.x[2 * k + 1]
-            if edge[0] == 0.0:
+            low = line[0] + line[1] * u
+            v = low + (line[2] + line[3] * u - low) * s.x[2 * k + 1]
+            if o.driven == 0:
                 command[r] = min(max(v if side else u, 0.0), 1.0)
                 continue
             nu = nv = 0.0
-            for j in range(POWERS, 0, -1):
-                nu, nv = nu * u + edge[j], nv * v + edge[j]
-            nu, nv = max(nu, 0.0), max(nv, 0.0)
-            first = 1 + POWERS + side * drive
-            mine = nv if side else nu
-            floor = edge[first + POWERS + 2]
-            held, c, q = max(mine, floor), 0.0, 0.0
             for j in range(POWERS - 1, -1, -1):
-                c = c * held + edge[first + j]
-            for a in range(rows - 1, -1, -1):
+                nu, nv = nu * u + nominal[j], nv * v + nominal[j]
+            nu, nv = max(nu, 0.0), max(nv, 0.0)
+            mine = nv if side else nu
+            held, c, q = max(mine, least[side]), 0.0, 0.0
+            for j in range(POWERS - 1, -1, -1):
+                c = c * held + straight[side, j]
+            for row in range(o.torque_rows - 1, -1, -1):
                 inner = 0.0
-                for b in range(columns - 1, -1, -1):
-                    inner = inner * nv + edge[first + POWERS + 3 + a * columns + b]
+                for column in range(o.torque_columns - 1, -1, -1):
+                    inner = inner * nv + torque[side, row, column]
                 q = q * nu + inner
-            c += (edge[first + POWERS] + edge[first + POWERS + 1] * mine) * q
-            if mine < floor:
-                c *= mine / floor
+            c += (per_torque[side, 0] + per_torque[side, 1] * mine) * q
+            if mine < least[side]:
+                c *= mine / least[side]
             command[r] = min(max(c, 0.0), 1.0)
 
     signature = types.void(types.CPointer(types.int64), *[types.CPointer(types.float64)] * 2)

@@ -128,7 +128,7 @@ class MessagesPage(VerticalScroll):
 
     def draw(self, picture: Picture) -> None:
         """Show a picture."""
-        self.border_title = "what the autopilot said, newest first"
+        self.border_title = "messages of the autopilot, newest first"
         self.border_subtitle = "vehicle's clock, time of day" if picture.day else "vehicle's clock"
         put(self.query_one("#said", Static), words.said(picture.view, picture.day))
 

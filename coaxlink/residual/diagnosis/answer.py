@@ -30,7 +30,7 @@ from coaxlink.residual.result import (
 from coaxlink.signals import noise_floor
 
 Planned = Callable[[Any, Array, Sequence[Rival]], Experiment | None]
-NO_RUN = "no run inside what this log has seen tells them apart: record more of what each needs"
+NO_RUN = "no run within this log's range distinguishes them: record more of what each needs"
 SHOWN = 12  # sets in the trace
 # of the reference load, judgement: a row's noise of a good stand. A smooth part of the map this large is told
 SMOOTH_SAID = 0.003
@@ -225,7 +225,7 @@ def rejected(found: Posterior, said: Decision) -> list[Rejected]:
             continue
         with_it = max((h for h in found.sets if name in h.names), key=lambda h: h.score)
         behind = found.best.score - with_it.score
-        out.append(Rejected(name, f"{behind:.1f} nats behind the most probable set"))
+        out.append(Rejected(name, f"log evidence {behind:.1f} below the most probable set's"))
     return out
 
 

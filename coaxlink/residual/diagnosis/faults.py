@@ -69,7 +69,7 @@ def weighed_faults(ch: Channels, best: Hypothesis) -> Weighed | None:
             score = max(score, scorer.score(best.members, forms, best.fit.noise).score)
         nats = score + fault.log_prior + float(ODDS) - rival
         if nats > np.log(CLAIMED / (1.0 - CLAIMED)) and (found is None or nats > found.nats):
-            why = f"{fault.why} ({nats:.0f} nats ahead of every effect)"
+            why = f"{fault.why} (log evidence {nats:.0f} above every effect's)"
             found = Weighed(Suspect(fault.column, rows_text(fault.rows), why), fault.rows, float(nats))
     return found
 

@@ -38,7 +38,7 @@ from coaxlink.residual.result import AT, Ambiguous, Refinement, Unexplained
 Progress = Callable[[str], None]
 LEAST_ROWS = 80  # judged rows of a flight
 MUCH_LEFT = 2.5  # of the floor: a channel that holds more tells neither its level nor its scale
-NO_FLIGHT = "no flight within reach tells them apart: measure what each needs"
+NO_FLIGHT = "no flight within reach distinguishes them: measure what each needs"
 NO_PLACE = 1e-4  # probability: less is not told
 LOOK = (
     "ground it and look at both; where neither shows it, a new propeller on the first, the same flight again"
@@ -56,7 +56,7 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     found, said, lead, left = None, NOTHING, None, None
     if not mislabelled:
         found = searched(ch, progress)
-        progress("weighing what is left")
+        progress("weighing the residual")
         said, lead, left = decided_in_flight(found)
     progress("weighing every rotor")
     members, where, doubts = _placed(found, said, lead)

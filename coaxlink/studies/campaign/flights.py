@@ -62,11 +62,10 @@ def columns(spec: Spec) -> dict[str, str]:
 @cache
 def code_hash() -> str:
     """SHA-256 of the source that decides a row: the world's, cells, laws."""
-    import coaxlink
     import sim
 
     digest = hashlib.sha256()
-    here, world = Path(str(coaxlink.__file__)).parent, Path(str(sim.__file__)).parent
+    here, world = Path(__file__).parents[2], Path(str(sim.__file__)).parent
     parts = ("mixer", "tables", "vehicle", "rotor", "residual", "effects", "data")
     folders = (world, *(here / part for part in parts))
     sources = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
