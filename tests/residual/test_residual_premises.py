@@ -16,7 +16,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import read_flight_log
 from coaxlink.premises import not_judged
 from coaxlink.residual import refine
-from coaxlink.residual.diagnosis.mass_or_thrust import weighing
+from coaxlink.residual.diagnosis.mass_or_thrust import Scales, level_not_mass, weighing
 from coaxlink.residual.refine import _whatever_lifts
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Series
 from coaxlink.rotor import load_rotor_model
@@ -93,6 +93,19 @@ def test_a_lift_that_is_missing_may_be_a_pack_that_nobody_logged():
         "mass_change",
         "thrust_level",
     )
+
+
+def test_a_mass_whose_torques_are_off_with_the_lift_is_a_doubt():
+    frame = SimpleNamespace(airframe=X8, voltage=None)
+    heavier, sigma = X8.mass_kg * 1.05, np.full(2, 0.002)
+
+    def doubt(torque, sigma=sigma):
+        return level_not_mass(frame, Scales(0.0, np.full(2, torque), sigma), heavier)
+
+    assert doubt(-0.05).names == ("mass_change", "thrust_level", "battery_voltage")
+    assert doubt(0.0) is None and doubt(0.05) is None  # a mass turns nothing
+    assert doubt(-0.05, 0.1 * np.ones(2)) is None  # too calm to see it
+    assert doubt(-0.6) is None  # gusts, as the loops answer them
 
 
 @pytest.mark.shared_data

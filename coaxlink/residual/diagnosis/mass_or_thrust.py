@@ -10,7 +10,7 @@ mass that hangs below adds inertia and lies between the two: then the answer sta
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,15 @@ class Scales:
         if np.all(off + reach < 1.5 * room) and np.all(off < room):
             return "level"
         return "open"
+
+    @property
+    def turns_too(self) -> bool:
+        """Whether both torques are clearly off, and the lift's share is within a factor of two of each (gusts
+        that the loops answer scale them by far more).
+        """
+        clear = np.abs(self.torque) > SURE * self.sigma
+        near = np.abs(self.torque - self.lift) < np.minimum(np.abs(self.torque), abs(self.lift))
+        return bool(np.all(clear & near))
 
 
 def scales(
@@ -95,6 +104,17 @@ def doubt(frame: FlightFrame, s: Scales, explained: bool) -> list[Ambiguous]:
     else:
         why = f"the torques side with neither ({why}): inertia differs from the declared one as well"
     return [weighing(frame, s.lift, f"within what a stand may be wrong by; {why}")]
+
+
+def level_not_mass(frame: FlightFrame, s: Scales, mass_kg: float) -> Ambiguous | None:
+    """The doubt about a mass that was found, where roll and pitch are off as the lift is: what scales the
+    thrust does that, a mass does not. None where they are not.
+    """
+    both = replace(s, lift=s.lift + frame.airframe.mass_kg / mass_kg - 1.0)
+    if not both.turns_too:
+        return None
+    roll, pitch = 100.0 * s.torque
+    return weighing(frame, both.lift, f"and roll torque by {roll:+.1f}, pitch torque by {pitch:+.1f} %")
 
 
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:
