@@ -199,7 +199,16 @@ class _Fit:
             problem = f"{n} dwells for {design.shape[1]} columns: {SPARE} more are needed at least"
             raise InputError("the hover", "dwells", problem)
         fits = [self._by(rho, design, dwells.watts) for rho in CORRELATIONS]
-        _, self.correlation, all_of_it, covariance, variance = max(fits, key=lambda fit: fit[0])
+        # the correlation is not known: coefficients over all of it, by its likelihood
+        weights = np.exp(np.array([fit[0] for fit in fits]) - max(fit[0] for fit in fits))
+        weights /= weights.sum()
+        rhos, betas, covariances, variances = (
+            np.array([fit[k] for fit in fits], dtype=float) for k in range(1, 5)
+        )
+        self.correlation, variance = float(weights @ rhos), float(weights @ variances)
+        all_of_it = weights @ betas
+        off = betas - all_of_it
+        covariance = np.einsum("k,kij->ij", weights, covariances + off[:, :, None] * off[:, None, :])
         self.beta, self.covariance = all_of_it[:degree], covariance[:degree, :degree]
         self.level, self.scatter = float(all_of_it[degree]), math.sqrt(variance)
         self.cleaned = dwells.watts - drift @ all_of_it[degree + 1 :]

@@ -244,5 +244,5 @@ def standing(arms: Arms) -> State:
         reply=free((n, 4)), step=free(n), schur=free((4, 4)), factor=free((4, 4)), right=free(4),
         dual=free(4), before=free(4), low=free(n), high=free(n), kept=free(n), old_mu=remembered,
         old_price=free((3, 4)), old_gone=free((3, 4), np.int64), old_x=free((3, n)),
-        old_act=free((3, n), np.int64), smooth=free(1), best=free(n), looked=free(5), looks=free(1),
+        old_act=free((3, n), np.int64), smooth=free(1), best=free(n), looked=free(9), looks=free(1),
     )  # fmt: skip

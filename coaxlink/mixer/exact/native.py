@@ -145,7 +145,7 @@ def _function() -> Any:
             kept=carray(f(t.kept), n), old_mu=carray(f(t.old_mu), (3, 4)),
             old_price=carray(f(t.old_price), (3, 4)), old_gone=carray(i(t.old_gone), (3, 4)),
             old_x=carray(f(t.old_x), (3, n)), old_act=carray(i(t.old_act), (3, n)),
-            smooth=carray(f(t.smooth), 1), best=carray(f(t.best), n), looked=carray(f(t.looked), 5),
+            smooth=carray(f(t.smooth), 1), best=carray(f(t.best), n), looked=carray(f(t.looked), 9),
             looks=carray(f(t.looks), 1),
         )  # fmt: skip
         units, demands, slots = carray(f(o.units), 4), carray(i(o.demands), 4), carray(i(o.slots), o.rotors)

@@ -81,7 +81,7 @@ class State(NamedTuple):
     old_act: Any  # (3, 2K)
     smooth: Any  # (1,) 1 if the last call's x was reached by a smooth motion, 0 by a jump, -1 by a leap
     best: Any  # (2K,) of all starts so far
-    looked: Any  # (5,) where the last look all round was made (mu), and whether one was: 1
+    looked: Any  # (9,) of the last look all round: mu, what it gave up, and whether there was one: 1
     looks: Any  # (1,) how many were made
 
 
@@ -758,11 +758,12 @@ def stand_at(p, s, which):
 
 
 def known(p, s):
-    """Whether the last look all round was made so near that it still holds."""
-    distance = 0.0
+    """Whether the last look all round was so near that it still holds: what it missed is missed here."""
+    distance, same = 0.0, True
     for j in range(4):
         distance += abs(s.mu[j] - s.looked[j])
-    return s.looked[4] > 0.0 and distance < JUMP
+        same = same and s.gone[j] == s.looked[4 + j]
+    return s.looked[8] > 0.0 and same and distance < JUMP
 
 
 def optimum(p, s, limit):
@@ -819,8 +820,8 @@ def settled(p, s, limit):
             same = stage == HOME and near and steps > 0 and abs(here - there) < SAME * max(there, 1.0)
             enough = enough or same or (sound and stage <= HOME + 2)
     for j in range(4):
-        s.looked[j] = s.mu[j]
-    s.looked[4] = 1.0
+        s.looked[j], s.looked[4 + j] = s.mu[j], float(s.gone[j])
+    s.looked[8] = 1.0
     for i in range(2 * p.size):
         s.x[i] = s.best[i]
     miss(p, s)

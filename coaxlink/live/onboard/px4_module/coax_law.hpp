@@ -1002,14 +1002,18 @@ private:
 		return false;
 	}
 
-	// the last look all round was made so near that it still holds
+	// the last look all round was made so near that it still holds: what was missed there is missed here
 	bool known() const
 	{
 		Real distance = 0;
+		bool same = true;
 
-		for (int j = 0; j < 4; j++) { distance += magnitude(mu[j] - _looked[j]); }
+		for (int j = 0; j < 4; j++) {
+			distance += magnitude(mu[j] - _looked[j]);
+			same = same && state.gone[j] == _looked_gone[j];
+		}
 
-		return _looked_at < NEVER && distance < JUMP;
+		return _looked_at < NEVER && same && distance < JUMP;
 	}
 
 	// keep x, whose miss is known, if it is better than the best so far at this demand; whether it is
@@ -1133,11 +1137,11 @@ private:
 
 	bool look_done()
 	{
-		for (int j = 0; j < 4; j++) { _looked[j] = mu[j]; }
-
 		_looked_at = 0;
 		stand(_best);
 		settle(true);  // active set and prices for the next call
+
+		for (int j = 0; j < 4; j++) { _looked[j] = mu[j]; _looked_gone[j] = state.gone[j]; }
 
 		fresh_miss();
 		keep(false);
@@ -1204,6 +1208,7 @@ private:
 	int _stage = CLOSE, _left = 0, _start = 0;
 	bool _delivered = false, _near = false;
 	Real _answer[N] {}, _best[N] {}, _looked[4] {}, _looked_at = NEVER;
+	int _looked_gone[4] {};
 	Real _slope[N] {}, _jacobian[N][4] {}, _hessian[K][3] {};
 	Real _own[N] {}, _reply[N][4] {}, _step[N] {};
 	Real _schur[4][4] {}, _factor[4][4] {}, _right[4] {}, _dual[4] {};
