@@ -11,7 +11,6 @@ import numpy as np
 from coaxlink.data.samples import Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.channels.flight_floor import floor_behind
-from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.diagnosis.answer import Pieces, concluded, doubt_of, pieces_of, told, unnamed
 from coaxlink.residual.diagnosis.decide import (
     FEIGNED,
@@ -75,7 +74,7 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
         fitted,
         posterior,
         replace(said, claimed={n: p for n, p in said.claimed.items() if n in {m.name for m in members}}),
-        np.hypot(floor, felt_noise(ch.bare, fitted.parts)),
+        floor,
         (suspects, [*ch.notes, *_lacking(ch.frame, explained)]),
         [*doubts, *([level] if level else _of_lift(fitted, acting, said, explained)), *between]
         if found
