@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-INTERRUPTED = 130
+INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it: 128 + SIGINT
 AGAIN_S = 0.02  # an import that goes on is asked again after this
 _IMPORT = "importlib._bootstrap"
 

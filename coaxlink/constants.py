@@ -8,5 +8,6 @@ ZERO_CELSIUS_K = 273.15
 STANDARD_DENSITY_KG_M3 = 1.225  # ICAO standard atmosphere at sea level
 RAD_S_PER_RPM = math.pi / 30.0
 SIGMA_PER_MAD = 1.4826  # of a normal distribution: 1 / 0.67449, its quartile
+ONE_IN_A_THOUSAND = 1e-3  # of chance, a statistical level: a test that is asked a few times of a log
 NORMAL_95 = 1.96  # of a normal distribution: standard deviations of half its 95 %
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_K = 101325.0, 288.15  # ICAO standard atmosphere at sea level

@@ -164,7 +164,7 @@ def refine(
     from coaxlink.residual import refine_stand
     from coaxlink.rotor import load_rotor_model
 
-    read = [_read(log) for log in _several(logs)]
+    read = [one for log in _several(logs) for one in _flights(log)]
     if any(log.has("motor1") for log in read):
         if vehicle is None:
             raise InputError("vehicle", "", "flight logs are held against a Vehicle; none is given")
@@ -180,7 +180,10 @@ def check_health(logs: Log | Sequence[Log], vehicle: Vehicle | str | Path) -> He
     """
     from coaxlink.health.premises import judged
 
-    read = [_flight(log) for log in _several(logs)]
+    read = [one for log in _several(logs) for one in _flights(log)]
+    for log in read:
+        if not log.has("motor1"):
+            raise InputError(log.source, "", "a flight log is expected, found a stand's: identify takes it")
     return judged(read, [Path(log.source).name for log in read], vehicle_of(vehicle))
 
 
@@ -200,7 +203,7 @@ def write_report(
     if not 1 <= len(paths) <= 2:
         raise InputError("report", "logs", f"one log or two are expected, found {len(paths)}")
     flown = None if vehicle is None else vehicle_of(vehicle)
-    flights = [flight_charts(path, flown) for path in paths]
+    flights = [flight for path in paths for flight in flight_charts(path, flown)]
     write_atomic(Path(page), flight_page(flights, Made.now(paths, flown.airframe.name if flown else "")))
     return Path(page)
 
@@ -250,11 +253,12 @@ def _several(logs: Log | Sequence[Log]) -> list[Log]:
     return [logs] if isinstance(logs, (str, Path, Samples)) else list(logs)
 
 
-def _flight(log: Log) -> Samples:
-    read = _read(log)
-    if not read.has("motor1"):
-        raise InputError(read.source, "", "a flight log is expected, found a stand's: identify takes it")
-    return read
+def _flights(log: Log) -> list[Samples]:
+    """Of a flight log all its flights, else the log."""
+    from coaxlink.data import is_flight_log, read_flights
+
+    flown = not isinstance(log, Samples) and is_flight_log(Path(log))
+    return read_flights(Path(log)) if flown else [_read(log)]  # type: ignore[arg-type]
 
 
 def _read(log: Log) -> Samples:

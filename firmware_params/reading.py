@@ -70,6 +70,7 @@ class ParamsFile:
     types: dict[str, int] = field(default_factory=dict)  # MAV_PARAM_TYPE by name, where it is known
     header: tuple[str, ...] = ()  # comment lines without '#'
     notes: tuple[str, ...] = ()  # what was assumed in reading it, in words
+    system: int = 0  # whose they are, where it was asked for and the file says it line by line
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class _Row:
     address: tuple[int, int] = (1, 1)
 
 
-def read_params(path: Path, *, finite: bool = True) -> ParamsFile:
+def read_params(path: Path, *, finite: bool = True, system: int | None = None) -> ParamsFile:
     """Read a file of any form of the module's table.
 
     Raises ParamsFileError naming the line, also for a name with two values and, unless `finite` is False,
@@ -114,7 +115,7 @@ def read_params(path: Path, *, finite: bool = True) -> ParamsFile:
     if not rows:
         problem = "no parameters: lines NAME,VALUE, or 'system component NAME VALUE TYPE', are expected"
         raise ParamsFileError(path, 0, problem)
-    rows, notes = _one_vehicle(path, rows, notes)
+    rows, notes, own = _one_vehicle(path, rows, notes, system)
     firmware = firmware_of(path, [row.name for row in rows], header)
     params: dict[str, float | int] = {}
     types: dict[str, int] = {}
@@ -125,7 +126,7 @@ def read_params(path: Path, *, finite: bool = True) -> ParamsFile:
         params[row.name] = value
         if kind:
             types[row.name] = kind
-    return ParamsFile(params, firmware, types, header, tuple(notes))
+    return ParamsFile(params, firmware, types, header, tuple(notes), own)
 
 
 def decoded(data: bytes) -> str:
@@ -206,6 +207,7 @@ def _list(
     """Lines NAME, VALUE; of several values the last one, where commas are no decimal points."""
     console = any(a[1] != b[1] for a, b in zip(lines, plain_lines, strict=True))
     split: list[tuple[int, str, list[str]]] = []
+    notes: list[str] = []
     stamps = False
     for n, line in plain_lines:
         body = _COMMENT.sub("", line).replace('"', "").strip()
@@ -218,6 +220,10 @@ def _list(
             continue
         if match is None or not fields:
             heading = not split and re.split(r"[,;\t ]", body)[0].upper() in _HEADING
+            if body.startswith("@"):
+                notes.append(
+                    f"line {n}: '{plain(body, 40)}' was not followed: what it adds or changes is not known"
+                )
             if console or not body or body.startswith("@") or heading:
                 continue
             raise ParamsFileError(path, n, f"NAME,VALUE is expected, found '{plain(body, 40)}'")
@@ -226,7 +232,6 @@ def _list(
         split.append((n, match[1], fields))
     commas = [(n, name, f) for n, name, f in split if not stamps and _is_comma(f)]
     dots = next((n for n, _, fields in split if any("." in f for f in fields)), 0)
-    notes = []
     if commas and not dots:
         notes.append("decimal commas were read as decimal points")
         split = [(n, name, [",".join(f).replace(",", ".")] if _is_comma(f) else f) for n, name, f in split]
@@ -267,26 +272,34 @@ def _is_comma(fields: list[str]) -> bool:
     return len(fields) == 2 and bool(_INTEGER.fullmatch(fields[0]) and _DIGITS.fullmatch(fields[1]))
 
 
-def _one_vehicle(path: Path, rows: list[_Row], notes: list[str]) -> tuple[list[_Row], list[str]]:
-    """The autopilot's rows: QGroundControl also saves gimbals and cameras. Raises ParamsFileError."""
+def _one_vehicle(
+    path: Path, rows: list[_Row], notes: list[str], system: int | None
+) -> tuple[list[_Row], list[str], int]:
+    """The autopilot's rows (of `system`, if given), notes, its number: QGroundControl also saves gimbals.
+
+    Raises ParamsFileError.
+    """
     addresses = dict.fromkeys(row.address for row in rows)
+    listed = rows[0].type > 0 and rows[0].line > 0  # an address in every line
     if len(addresses) == 1:
-        return rows, notes
+        own = rows[0].address[0] if listed else 0
+        if own and system not in (None, own):
+            raise ParamsFileError(path, rows[0].line, f"system {system} is not in it, {own} is")
+        return rows, notes, own
     tells = [
         a
         for a in addresses
         if any(p.fullmatch(row.name) for row in rows if row.address == a for p in _TELLS.values())
+        and system in (None, a[0])
     ]
     if len(tells) != 1:
         first = rows[0].address
         other = next(row for row in rows if row.address != first)
-        problem = f"{other.address[0]}/{other.address[1]} beside {first}: one vehicle is expected"
+        problem = f"{other.address[0]}/{other.address[1]} beside {first}: one vehicle is expected (`system`)"
         raise ParamsFileError(path, other.line, problem)
     left = ", ".join(f"{s}/{c}" for s, c in addresses if (s, c) != tells[0])
-    return [row for row in rows if row.address == tells[0]], [
-        *notes,
-        f"left out, of other components: {left}",
-    ]
+    kept = [row for row in rows if row.address == tells[0]]
+    return kept, [*notes, f"left out, of other components: {left}"], tells[0][0]
 
 
 def firmware_of(path: Path, names: Iterable[str], header: tuple[str, ...] = ()) -> str:

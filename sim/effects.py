@@ -2,7 +2,7 @@
 
 An effect's first law is the one it follows unless the truth file says `law = "..."`. The others are other
 accepted laws of the same physics, of the same size where the demo flies, so that whoever finds an effect has
-found the physics and not the formula. docs/sim.md gives them with their sources.
+found the physics and not the formula. sim/effects.md gives them with their sources.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ from coaxlink.threads import ONE_THREAD
 for name in ONE_THREAD:  # as the command does, before numpy loads
     os.environ.setdefault(name, "1")
 
-import psutil  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 
@@ -56,8 +55,8 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_xdist_auto_num_workers():
-    """One more than processors, for some tests wait; two where others compute. Each imports for 10 s."""
-    return 3 if psutil.cpu_percent(interval=1.0) < 50.0 else 2
+    """One more than processors, for some tests wait."""
+    return (os.cpu_count() or 1) + 1
 
 
 @pytest.fixture(autouse=True)

@@ -64,9 +64,9 @@ def report(
     """Draw it, list the findings (with `differs` also against the board), write what was asked for."""
     from coaxlink import files
     from coaxlink.cli.shared.table_views import finding_json
-    from coaxlink.setup import check_against, check_airframe, draw
+    from coaxlink.setup import check_against, check_airframe, check_outputs, draw
 
-    findings = check_airframe(frame, model)
+    findings = check_airframe(frame, model) + (check_outputs(board) if board else ())
     if board and differs:
         findings += check_against(frame, board)
     out = console()

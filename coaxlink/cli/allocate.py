@@ -61,7 +61,11 @@ def allocate(
     from rich.table import Table
 
     out = console()
-    out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
+    lift, turn = abs(result.error[0]), max(abs(result.error[1:]))
+    out.print(
+        f"{result.law}: misses {figure(lift)} N and {figure(turn)} N m of the wrench, at "
+        f"{result.power_W:.0f} W (power {result.power:.4f}, the sum of torque x speed)"
+    )
     table = Table("rotor", "speed", "thrust N", "torque N m", "", box=None)
     for i, placed in enumerate(true.airframe.rotors):
         at = "at its bound" if result.saturated[i] else ""

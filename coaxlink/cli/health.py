@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption, read_flights_of
 from coaxlink.cli.shared.shell import JsonOption, console, say, say_vehicle, talk
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def health(
     rotor: Annotated[
         Path | None, typer.Option(metavar="ROTOR.toml", help="Its rotors (default: the airframe's).")
     ] = None,
+    system: SystemOfLogOption = None,
     plot: Annotated[
         Path | None,
         typer.Option(metavar="H.png", help="Draw every rotor over the flights (.png, .svg, .pdf)."),
@@ -60,9 +62,9 @@ def health(
         raise InputError("health", "LOG...", "flight logs are expected, oldest first")
     folder = folder_of(logs[0]) if len(logs) == 1 else None
     if folder is not None:
-        _fleet(folder, airframe, rotor, plot or report, json)
+        _fleet(folder, airframe, rotor, system, plot or report, json)
         return
-    result = _judged(logs, airframe, rotor)
+    result = _judged(logs, airframe, rotor, system)
     if (plot or report) and not result.flights:
         say("no picture and no page: nothing was judged")
     elif plot or report:
@@ -74,9 +76,9 @@ def health(
     if json:
         files.write_json(json, result.as_json())
     screen = console()
+    screen.print(verdict_line(result))
     if result.flights:
         screen.print(health_table(result))
-    screen.print(verdict_line(result))
     say_vehicle(airframe)
     for line in remarks(result):
         say(f"- {line}")
@@ -96,28 +98,26 @@ def _made(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> Ma
     return Made.now([f for f in (*logs, body.source, rotor or body.rotor_model) if f is not None], body.name)
 
 
-def _judged(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> Health:
+def _judged(logs: Sequence[Path], airframe: Path | None, rotor: Path | None, system: int | None) -> Health:
     """One vehicle's flights, oldest first. Raises InputError."""
     from coaxlink import files
-    from coaxlink.data import is_flight_log, read_flight_log
-    from coaxlink.errors import InputError
     from coaxlink.health.premises import judged
     from coaxlink.vehicle import load_vehicle
 
     vehicle = load_vehicle(airframe or files.example("x8_paper.toml"), rotor)
-    read = []
     with talk().status("reading") as status:
-        for path in logs:
-            status.update(f"reading {path.name}")
-            if not is_flight_log(path):
-                raise InputError(path, "", "a flight log is expected, found a stand's: identify takes it")
-            read.append(read_flight_log(path))
+        read = read_flights_of(logs, system, status.update)
         status.update("judging")
-        return judged(read, [path.name for path in logs], vehicle)
+        return judged(read, [Path(log.source).name for log in read], vehicle)
 
 
 def _fleet(
-    folder: str, airframe: Path | None, rotor: Path | None, plot: Path | None, json: Path | None
+    folder: str,
+    airframe: Path | None,
+    rotor: Path | None,
+    system: int | None,
+    plot: Path | None,
+    json: Path | None,
 ) -> None:
     """Every vehicle of a folder over its flights, by the dates in their paths as `refine FOLDER` has them."""
     from coaxlink import files
@@ -135,7 +135,7 @@ def _fleet(
     for name, logs in vehicles.items():
         beside = logs[0].parent / "airframe.toml"
         try:
-            found[name] = _judged(logs, beside if beside.is_file() else airframe, rotor)
+            found[name] = _judged(logs, beside if beside.is_file() else airframe, rotor, system)
         except InputError as error:
             problems[name] = str(error)
             say(f"says nothing: {name}: {error}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink import files
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption
 from coaxlink.cli.shared.from_flights import AirframeOption, PriorOption, identify_from_flights
 from coaxlink.cli.shared.next import after_identify
 from coaxlink.cli.shared.pair import answer_of_sums
@@ -19,6 +20,7 @@ from coaxlink.cli.shared.single import (
     PitchOption,
     SingleOption,
     SpacingOption,
+    SupplyOption,
     prior_of_single,
 )
 from coaxlink.cli.shared.stand import (
@@ -84,8 +86,10 @@ def identify(
     pitch: PitchOption = None,
     spacing: SpacingOption = None,
     blades: BladesOption = 2,
+    voltage: SupplyOption = None,
     airframe: AirframeOption = None,
     rotor: PriorOption = None,
+    system: SystemOfLogOption = None,
     every: Annotated[
         bool, typer.Option("--all", help="Print terms, every form's errors and all remarks, too.")
     ] = False,
@@ -107,16 +111,19 @@ def identify(
             spacing_m=spacing,
             pitch_m=pitch,
             blades=blades,
+            voltage_V=voltage,
             speed_max_rpm=speed_max_rpm,
             out=out,
             json=json,
             plot=plot,
         )
         return
+    if voltage is not None:
+        raise InputError("--voltage", "", "is for --single")
     if not logs:
         raise InputError("identify", "LOG...", "a stand log is expected, or --single TABLE of one rotor")
     if airframe is not None or rotor is not None:
-        identify_from_flights(logs, airframe, rotor, out, json, plan)
+        identify_from_flights(logs, airframe, rotor, system, out, json, plan)
         return
     from coaxlink.rotor.fit import Options
     from coaxlink.rotor.identification import identify as run
@@ -124,6 +131,8 @@ def identify(
 
     if plan is not None:
         raise InputError("--next", "", "is for flights: with --airframe and --rotor")
+    if system is not None:
+        raise InputError("--system", "", "is for flights: with --airframe and --rotor")
     options = Options(max_order)
     from coaxlink.rotor.pair_sum import is_pair, of_each_rotor
 

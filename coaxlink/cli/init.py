@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption
 from coaxlink.cli.shared.shell import JsonOption, say
-from coaxlink.errors import InputError
+from coaxlink.errors import CheckFailed, InputError
 from firmware_params.plain import name_problem
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def init(
         Path | None, typer.Option(metavar="LUA", help="With --from: the matrix script of FRAME_CLASS 15.")
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Read it from this board.")] = "",
+    system: SystemOfLogOption = None,
     timeout: TimeoutOption = WAIT_S,
     arm: Annotated[
         float | None, typer.Option(metavar="M", help="Centre to rotor, where the source holds no lengths.")
@@ -64,7 +66,7 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Make a vehicle file; show who is where, which way it turns, and what looks wrong."""
+    """Make a vehicle file; show who is where, which way it turns, and what looks wrong (exit code 1)."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.airframe import report
@@ -77,7 +79,7 @@ def init(
     for output in (out, picture, json_file):
         files.refuse_unwritable(output)
     model = load_rotors(rotor) if rotor else None
-    layout = _layout(template, source, script, connect, timeout, mass)
+    layout = _layout(template, source, script, system, connect, timeout, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)
     body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia), lag)
@@ -99,9 +101,10 @@ def init(
     say(f"wrote {out}")
     for line in guesses(frame):
         say(f"guessed: {line}")
-    if any(f.severity == "error" for f in findings):
-        say("mend what is marked error before a table is made of it")
-    elif not rotor:
+    if wrong := sum(f.severity == "error" for f in findings):
+        many = "thing" if wrong == 1 else "things"
+        raise CheckFailed(f"{out}: {wrong} {many} to mend before a table is made of it")
+    if not rotor:
         say(f"next: coaxlink identify STAND.csv --out rotor.toml, then set rotor_model in {out}")
     else:
         say(f"next: coaxlink table {out} --firmware px4|ardupilot --out tables")
@@ -111,6 +114,7 @@ def _layout(
     template: str,
     source: Path | None,
     script: Path | None,
+    system: int | None,
     connect: str,
     timeout_s: float,
     mass_kg: float | None,
@@ -127,7 +131,7 @@ def _layout(
         )
     if template:
         return setup.template(template)
-    return layout_of_file(source, script) if source else layout_of_board(connect, timeout_s)
+    return layout_of_file(source, script, system) if source else layout_of_board(connect, timeout_s)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

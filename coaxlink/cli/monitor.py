@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption
 from coaxlink.cli.shared.shell import JsonOption, console, say
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def monitor(
     replay: Annotated[
         Path | None, typer.Option("--replay", metavar="FILE", help="Play a tlog, ULog or .bin instead.")
     ] = None,
+    system: SystemOfLogOption = None,
     speed: Annotated[
         float, typer.Option("--speed", min=0.02, max=1000.0, help="Of --replay, times real time.")
     ] = 1.0,
@@ -72,7 +74,7 @@ def monitor(
         raise InputError(replay, "", "--airframe is needed: a recording does not say whose flight it is")
     vehicle = _vehicle(airframe, rotor)
     connect = connect or vehicle.declared.connect or LISTENS
-    player = None if replay is None else _player(replay, speed, start)
+    player = None if replay is None else _player(replay, system, speed, start)
     if player is None:
         check_address(connect)
         watch = Watch(Heard(), vehicle, connect)
@@ -123,10 +125,10 @@ def _serve(port: int, url: str | None) -> None:
         WebMonitor(command, bind(port), 1, shared).serve()
 
 
-def _player(path: Path, speed: float, start_s: float) -> Player:
+def _player(path: Path, system: int | None, speed: float, start_s: float) -> Player:
     from coaxlink.monitor.incoming.recording import Player, load_recording
 
-    return Player(load_recording(path), speed=speed, start_s=start_s)
+    return Player(load_recording(path, system), speed=speed, start_s=start_s)
 
 
 def _against(player: Player, vehicle: Vehicle) -> tuple[Reason, ...]:
@@ -134,8 +136,8 @@ def _against(player: Player, vehicle: Vehicle) -> tuple[Reason, ...]:
     from coaxlink.premises import damage
     from coaxlink.residual.refine import vehicle_differs
 
-    samples = player.recording.samples
-    return () if samples is None else (*vehicle_differs([samples], vehicle.declared), *damage([samples]))
+    flights = player.recording.flights
+    return (*vehicle_differs(flights, vehicle.declared), *damage(flights))
 
 
 def _vehicle(airframe_path: Path | None, rotor_path: Path | None) -> Vehicle:

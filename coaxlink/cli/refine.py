@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli.shared.fleet import folder_of
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption, named_vehicle, read_flights_of
 from coaxlink.cli.shared.next import after_refine
 from coaxlink.cli.shared.shell import (
     JsonOption,
@@ -15,7 +16,6 @@ from coaxlink.cli.shared.shell import (
     WorkersOption,
     console,
     say,
-    say_vehicle,
     talk,
 )
 from coaxlink.cli.shared.stand import (
@@ -41,7 +41,7 @@ def refine(
         ),
     ],
     airframe: Annotated[
-        Path | None, typer.Option(metavar="AIRFRAME.toml", help="Of a flight (default: the shipped X8).")
+        Path | None, typer.Option(metavar="AIRFRAME.toml", help="Of flight logs: the vehicle.")
     ] = None,
     rotor: Annotated[
         Path | None,
@@ -50,6 +50,7 @@ def refine(
             help="Model to hold against (default: the airframe's; for a stand log a model fitted to it).",
         ),
     ] = None,
+    system: SystemOfLogOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="ROTOR.toml", help="Write the model with the effects added.")
     ] = None,
@@ -74,7 +75,7 @@ def refine(
     """Find what the model lacks in measured data, name it, and report the error before and after."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.data import is_flight_log
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.refine import remarks, tables, verdict
     from coaxlink.residual import refine as run
@@ -86,6 +87,10 @@ def refine(
         files.refuse_unwritable(output)
     folder = folder_of(logs[0])
     if folder is not None:
+        if system is not None:
+            raise InputError(
+                "--system", "", "is of single logs: a fleet's folder holds a vehicle's logs each"
+            )
         _fleet(folder, len(logs), out or plan, airframe, rotor, (workers, scheduler), report, json)
         return
     kinds = [is_flight_log(path) for path in logs]
@@ -94,23 +99,23 @@ def refine(
             logs[kinds.index(False)], "", "a stand log among flight logs: refine one kind at a time"
         )
     flight = all(kinds)
+    if system is not None and not flight:
+        raise InputError("--system", "", "is of a flight log, found a stand's")
     if airframe is not None and not flight:
         wanted = f"coaxlink refine {logs[0].name} without --airframe, or coaxlink identify, takes it"
         raise InputError(logs[0], "", f"a stand log, and --airframe is of a flight: {wanted}")
-    body = load_airframe(airframe or files.example("x8_paper.toml")) if flight else None
+    body = load_airframe(named_vehicle(airframe, logs[0], system)) if flight else None
     model_file = rotor or (body.rotor_model if body else None)
     if body is not None and model_file is None:
         raise InputError(body.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor")
     model = load_rotors(model_file) if model_file else None
     with talk().status("reading") as status:
-        samples = []
         if not flight:
             # trusted: refine says what is suspect
             how = StandOptions(columns, upper, poles, sheet=sheet, trust_units=True)
             samples = read_stand(logs, how, status.update)
-        for path in logs if flight else ():
-            status.update(f"reading {path.name}")
-            samples.append(read_flight_log(path))
+        else:
+            samples = read_flights_of(logs, system, status.update)
         if body is not None and model is not None:
             result = run(samples, body, model, progress=status.update)
         else:
@@ -146,8 +151,6 @@ def refine(
     screen.print(verdict(result))
     for table in tables(result):
         screen.print(table)
-    if flight:
-        say_vehicle(airframe)
     for remark in remarks(result):
         say(remark)
     if result.reasons:
@@ -173,7 +176,6 @@ def _fleet(
     json: Path | None,
 ) -> None:
     """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
-    from coaxlink import files
     from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
     from coaxlink.studies.fleet import RefineLog
@@ -184,7 +186,7 @@ def _fleet(
         raise InputError(
             single, "", "a fleet has no one model: refine a vehicle's own logs for --out or --plan"
         )
-    analyse = RefineLog(airframe or files.example("x8_paper.toml"), rotor)
+    analyse = RefineLog(airframe, rotor)
     tell_fleet(folder, analyse, *where, report, json)
 
 

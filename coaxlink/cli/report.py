@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli.shared.flight_logs import SystemOfLogOption, refuse_stand_log
 from coaxlink.cli.shared.shell import say, talk
 
 
@@ -18,6 +19,7 @@ def report(
     rotor: Annotated[
         Path | None, typer.Option(metavar="ROTOR.toml", help="Its rotors (default: the airframe's).")
     ] = None,
+    system: SystemOfLogOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="R.html", help="The page (default: LOG.html in this folder).")
     ] = None,
@@ -41,13 +43,16 @@ def report(
     with talk().status("reading") as status:
         for log in logs:
             status.update(f"reading {log.name}")
-            flights.append(flight_charts(log, vehicle))
+            refuse_stand_log(log)
+            flights += flight_charts(log, vehicle, system)
     made = Made.now(
         [f for f in (*logs, airframe, rotor) if f is not None], vehicle.airframe.name if vehicle else ""
     )
     files.write_atomic(page, flight_page(flights, made))
     for flight in flights:
         typer.echo(f"{flight.source}, {flight.seconds:.0f} s. {flight.answer}")
+    for line in dict.fromkeys(words for flight in flights for words in flight.provenance):
+        say(f"- {line}")
     say(f"wrote {page}")
     if vehicle is None:
         say(f"next: coaxlink report {' '.join(map(str, logs))} --airframe X8.toml")

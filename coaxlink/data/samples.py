@@ -14,10 +14,12 @@ from coaxlink.errors import InputError
 if TYPE_CHECKING:
     import pandas
 
-OUTPUTS_AS_MOTORS, DAMAGED = "outputs_as_motors", "damaged"
+OUTPUTS_AS_MOTORS, RANGE, DAMAGED = "outputs_as_motors", "range", "damaged"
 PREMISES = {  # what a reader took for granted: in words, and what would tell
     OUTPUTS_AS_MOTORS: "no parameter in the log says which output drives which motor: output n is taken for "
     "motor n; give a log that holds the parameters",
+    RANGE: "neither MOT_PWM_MIN and MOT_PWM_MAX nor RC3_MIN and RC3_MAX are in the log: motors are taken to "
+    "run from 1000 to 2000 us; give a log that holds the parameters",
     DAMAGED: "the file is damaged, some of it could not be read: take the log from the card again",
 }
 
@@ -40,6 +42,11 @@ class Samples:
     premises: tuple[str, ...] = ()  # keys of PREMISES
     motors: tuple[int, ...] = ()  # that the vehicle has by its own word; () where the log does not say
     parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot, where they are logged
+    # time_s, severity 0..7 or None, and words of the autopilot
+    texts: tuple[tuple[float, int | None, str], ...] = ()
+    provenance: tuple[
+        str, ...
+    ] = ()  # of the file, to be said with every answer: its stretches, other vehicles
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(column) for name, column in self.columns.items()}

@@ -32,6 +32,7 @@ SAME_ROW = 0.30  # of thrust over speed squared, between a row at speed and the 
 # T^1.5 / sqrt(2 rho A) over the shaft's power, in hover: Deters, Ananda and Selig 2014 have 0.3 to 0.75
 MERIT, MOTOR = (0.2, 0.9), 0.5  # a motor with its ESC gives at least half of what it takes, at speed
 READS = 0.01  # of the largest thrust and power: what a cell is off by
+ANOTHER_PACK = 0.08  # one cell more of twelve; between rows of a pack that sags lie 3 % at most
 STANDS_STILL = 0.05  # of the fastest: a row in which the propeller does not turn
 
 
@@ -81,8 +82,10 @@ def read_single_table(
     poles: int | None = None,
     sheet: str | None = None,
     trust_units: bool = False,
+    voltage_V: float | None = None,
 ) -> SingleTable:
-    """A table of one rotor alone. Raises InputError: no speed or thrust, two rotors, several propellers.
+    """A table of one rotor alone. Raises InputError: no speed or thrust, two rotors, several propellers, rows
+    at several supplies of which `voltage_V` names none.
 
     `diameter_m` is the propeller's: data bases give coefficients, and a log is held against it.
     """
@@ -101,7 +104,28 @@ def read_single_table(
     )
     headings = read_headings(path, sheet) if columns_map is None else OWN_COLUMNS
     logged = set(headings) & set(OWN_COLUMNS) or any("time" in words_of(h) for h in headings)
-    return _checked(_of_log(log, STAND if logged else MAKER), diameter_m)
+    return _checked(_of_log(_at(log, voltage_V), STAND if logged else MAKER), diameter_m)
+
+
+def _at(log: Samples, voltage_V: float | None) -> Samples:
+    """The rows at one supply. Raises InputError where there are several, and none or another is named."""
+    name = next((n for n in ("upper_voltage_V", "voltage_V") if log.has(n)), "")
+    volts = log[name] if name else np.zeros(0)
+    order = np.argsort(volts)
+    steps = np.flatnonzero(volts[order][1:] > (1.0 + ANOTHER_PACK) * volts[order][:-1])
+    groups = [rows for rows in np.split(order, steps + 1) if len(rows) and volts[rows[0]] > 0.0]
+    if voltage_V is None and len(groups) < 2:
+        return log
+    levels = [float(np.median(volts[rows])) for rows in groups]
+    found = " and ".join(f"{level:.3g} V" for level in levels) or "no voltage"
+    if voltage_V is None:
+        raise InputError(log.source, f"column {name}", f"rows at {found}: which are yours? `voltage_V`")
+    near = [
+        rows for rows, level in zip(groups, levels, strict=True) if abs(level / voltage_V - 1) < ANOTHER_PACK
+    ]
+    if len(near) != 1:
+        raise InputError(log.source, "`voltage_V`", f"no rows at {voltage_V:g} V: found {found}")
+    return log.take(np.sort(near[0])).with_notes(f"the rows at {voltage_V:g} V, of {found}")
 
 
 def _of_log(log: Samples, origin: Origin) -> SingleTable:

@@ -1,22 +1,21 @@
 """A stand that remembers where it came from: friction of the rig, and blades that recover late from stall.
 
 Two kinds of memory. *Sharp*: the load depends on the sign of the last change alone (or only while the speed
-moves). *Worn in*: after a turn the memory changes over a way, as a row of elements does that stick until each
-has slipped its own way (Iwan 1966, J. Applied Mechanics 33, 893; Prandtl's play operators), or it fades with
-the way that was gone since, whatever it was (Dahl 1968, Aerospace Corporation TOR-0158). And the throttle's
-own path may have play, of a linkage or of a speed controller that ignores small changes of its input: then
-the speed remembers, and both rotors' loads with it (Tao and Kokotovic 1996).
+moves). *Worn in*: after a turn the memory changes over a way (`play`). And the throttle's own path may have
+play, of a linkage or of a speed controller that ignores small changes of its input: then the speed remembers,
+and both rotors' loads with it (Tao and Kokotovic 1996). `form_of` says which form a file's numbers are.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import changed_by, drivable, drive
+from coaxlink.effects.play import fading, slipping
 from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
@@ -54,76 +53,6 @@ def moving(frame: StandFrame, side: int) -> Array:
     return np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
 
 
-def slipping(path: Array, ways: Array) -> Array:
-    """(rows, K) states -1..1 of elements that follow the path (rows,) and slip after the ways (K,).
-
-    Read-only: a search asks for the same states again and again.
-    """
-    return _slipping(np.asarray(path, float).tobytes(), np.asarray(ways, float).tobytes())
-
-
-@lru_cache(maxsize=64)
-def _slipping(path_of: bytes, ways_of: bytes) -> Array:
-    """Two levels: pieces of the path become one map each, side by side, then run from their starts."""
-    path, ways = np.frombuffer(path_of), np.frombuffer(ways_of)
-    move = np.diff(path, prepend=path[0])[:, None] * (2.0 / ways)
-    rows = len(move)
-    length = max(1, int(np.sqrt(rows)))
-    pieces = -(-rows // length)
-    padded = np.zeros((pieces * length, len(ways)))
-    padded[:rows] = move
-    by_step = padded.reshape(pieces, length, -1).transpose(1, 0, 2)  # (length, pieces, K)
-    shift = by_step.sum(axis=0)
-    low, high = np.full_like(shift, -np.inf), np.full_like(shift, np.inf)
-    ends = np.stack([low, high])
-    for step in by_step:
-        _slip(ends, step, -1.0, 1.0, ends)
-    low, high = ends
-    start = np.zeros_like(shift)
-    for k in range(1, pieces):
-        _slip(start[k - 1], shift[k - 1], low[k - 1], high[k - 1], start[k])
-    out = np.empty_like(by_step)
-    state = start
-    for k, step in enumerate(by_step):
-        state = _slip(state, step, -1.0, 1.0, out[k])
-    states = np.ascontiguousarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
-    states.setflags(write=False)
-    return states
-
-
-def _slip(state: Array, step: Array, low: Array | float, high: Array | float, out: Array) -> Array:
-    """The state (..., K) moved by a step and kept inside, into `out`; np.clip costs three times that."""
-    np.add(state, step, out=out)
-    np.minimum(out, high, out=out)
-    return np.maximum(out, low, out=out)
-
-
-def fading(path: Array, reach: float) -> Array:
-    """(rows,) state -1..1 that follows the path (rows,) and forgets by 1/e over the way `reach`.
-
-    Two levels, as `slipping`: every step is one line, state to state, and so is a piece of them.
-    """
-    move = np.diff(path, prepend=path[0]) / reach
-    rows = len(move)
-    length = max(1, int(np.sqrt(rows)))
-    pieces = -(-rows // length)
-    padded = np.zeros(pieces * length)
-    padded[:rows] = move
-    steps = padded.reshape(pieces, length).T  # (length, pieces)
-    keep, add = np.exp(-np.abs(steps)), -np.sign(steps) * np.expm1(-np.abs(steps))
-    slope, shift = np.ones(pieces), np.zeros(pieces)
-    for k in range(length):
-        slope, shift = slope * keep[k], shift * keep[k] + add[k]
-    state = np.zeros(pieces)
-    for k in range(1, pieces):
-        state[k] = state[k - 1] * slope[k - 1] + shift[k - 1]
-    out = np.empty_like(steps)
-    for k in range(length):
-        state = state * keep[k] + add[k]
-        out[k] = state
-    return np.asarray(out.T.ravel()[:rows])
-
-
 def _path(frame: StandFrame) -> Array:
     return frame.speeds if frame.throttles is None else frame.throttles
 
@@ -156,30 +85,77 @@ def _quiet(path: Array) -> Array:
     return np.asarray(path - play * slipping(path, np.array([2.0 * play]))[:, 0])
 
 
-def _way(frame: StandFrame, channel: int, p: Numbers) -> Array:
-    """(rows,) -1..1: from above, from below; of one load channel."""
-    side = channel // 2
-    if "reach" in p:
-        path = _path(frame).sum(axis=1) if "sweep" in p else frame.speeds[:, side]
-        if "load" in p:  # a cell's friction knows its own load only, whatever speeds made it
-            path = frame.predicted[:, channel] / frame.reference[channel]
-        if "angle" in p:
-            path = _ratio(frame)
-        quiet, share, way = _quiet(path), p.get("fading", 0.0), np.zeros(len(path))
-        if "fading" in p:
-            way = share * fading(quiet, 0.5 * p["reach"])
-        if "spread" in p:
-            ways = p["reach"] * p["spread"] ** STICKING
+class OfRotor:
+    """What each rotor's own speed remembers. Paths and signs are (rows,), of a load by its number 0..3."""
+
+    def path(self, frame: StandFrame, load: int) -> Array:
+        """That a memory wears in along."""
+        return np.asarray(frame.speeds[:, load // 2])
+
+    def sign(self, frame: StandFrame, load: int, moves: bool) -> Array:
+        """-1..1 of a sharp memory, or while it moves."""
+        return moving(frame, load // 2) if moves else direction(frame, load // 2)
+
+
+class OfSweep(OfRotor):
+    """What the stand as a whole remembers, loaded or unloaded, whichever rotor does it."""
+
+    def path(self, frame: StandFrame, load: int) -> Array:
+        """Both together."""
+        return np.asarray(_path(frame).sum(axis=1))
+
+    def sign(self, frame: StandFrame, load: int, moves: bool) -> Array:
+        """Of both together."""
+        rate = np.gradient(self.path(frame, load))
+        way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
+        if moves:
+            return way
+        return way[np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))]
+
+
+class OfLoad(OfRotor):
+    """What a cell remembers: its friction knows its own load only, whatever speeds made it."""
+
+    def path(self, frame: StandFrame, load: int) -> Array:
+        """The load, of its largest."""
+        return np.asarray(frame.predicted[:, load] / frame.reference[load])
+
+
+class OfAngle(OfRotor):
+    """What the blades' angle remembers, which goes with the ratio of both speeds."""
+
+    def path(self, frame: StandFrame, load: int) -> Array:
+        """The ratio's logarithm."""
+        return _ratio(frame)
+
+
+@dataclass(frozen=True)
+class Sharp:
+    """A memory of the last change's sign alone; `moves`: only while the speed moves."""
+
+    moves: bool
+
+    def way(self, frame: StandFrame, load: int, of: OfRotor) -> Array:
+        """(rows,) -1..1: from above, from below."""
+        return of.sign(frame, load, self.moves)
+
+
+@dataclass(frozen=True)
+class Worn:
+    """A memory that changes over a way: `faded` of it is forgotten, the rest sticks in elements."""
+
+    reach: float
+    spread: float | None  # None: no elements
+    faded: float | None  # None: nothing is forgotten
+
+    def way(self, frame: StandFrame, load: int, of: OfRotor) -> Array:
+        """(rows,) -1..1: from above, from below."""
+        quiet, share = _quiet(of.path(frame, load)), self.faded or 0.0
+        way = np.zeros(len(quiet)) if self.faded is None else share * fading(quiet, 0.5 * self.reach)
+        if self.spread is not None:
+            ways = self.reach * self.spread**STICKING
             way = way + (1.0 - share) * slipping(quiet, ways).mean(axis=1)
         return np.asarray(way)
-    if "sweep" in p:  # the stand as a whole is loaded or unloaded, whichever rotor does it
-        rate = np.gradient(_path(frame).sum(axis=1))
-        way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
-        if "moving" in p:
-            return way
-        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
-        return way[last]
-    return moving(frame, side) if "moving" in p else direction(frame, side)
 
 
 def _relay_starts(frame: StandFrame) -> list[Numbers]:
@@ -215,53 +191,118 @@ def _ratio(frame: StandFrame) -> Array:
     return np.asarray(np.log(u[:, 0] / u[:, 1]))
 
 
-def _flipped(frame: StandFrame, p: Numbers) -> Array:
-    """(rows,) 1 from where the speed rose above `on` until it falls below `off`."""
-    u, row = frame.speeds[:, int(p["relay"])], np.arange(len(frame.speeds))
-    on = np.maximum.accumulate(np.where(u > p["on"], row, -1))
-    off = np.maximum.accumulate(np.where(u < p["off"], row, -1))
-    return np.asarray(on > off, float)
+class OwnLoad:
+    """A share of the load itself."""
+
+    def weight(self, frame: StandFrame, side: int) -> Array:
+        """(rows, 2) of thrust and torque: what a share is a share of."""
+        return np.asarray(frame.predicted[:, 2 * side : 2 * side + 2])
 
 
-def _weight(frame: StandFrame, side: int, p: Numbers) -> Array:
-    """(rows, 2) of thrust and torque: what a share is a share of.
+class SlowBlades(OwnLoad):
+    """A share of the load where the blades are slow, and stall."""
 
-    The load itself, the load where the blades are slow (`bulge`), or by a power of the load from 1
-    for the load to 0 for dry friction, which is the same at every load.
-    """
-    weight = frame.predicted[:, 2 * side : 2 * side + 2]
-    if "bulge" in p:
-        return np.asarray(weight * (4.0 * np.clip(1.0 - frame.speeds[:, side], 0.0, 1.0))[:, None])
-    if "power" in p:
+    def weight(self, frame: StandFrame, side: int) -> Array:
+        """Fades to nothing at full speed."""
+        slow = 4.0 * np.clip(1.0 - frame.speeds[:, side], 0.0, 1.0)
+        return np.asarray(super().weight(frame, side) * slow[:, None])
+
+
+@dataclass(frozen=True)
+class PowerOfLoad(OwnLoad):
+    """A share of a power of the load: 1 for the load, 0 for dry friction, the same at every load."""
+
+    power: float
+
+    def weight(self, frame: StandFrame, side: int) -> Array:
+        """Of the largest load, so that a share means the same."""
         full = frame.reference[2 * side : 2 * side + 2]
-        return np.asarray(full * np.maximum(np.abs(weight) / full, 1e-3) ** p["power"])
-    return weight
+        of_full = np.maximum(np.abs(super().weight(frame, side)) / full, 1e-3)
+        return np.asarray(full * of_full**self.power)
 
 
-def _played(frame: StandFrame, p: Numbers) -> Array:
-    """(rows, 2) speeds behind throttles whose path has play: the middle of it where it was never crossed."""
-    u = drive(frame)
-    states = [slipping(u[:, side], np.array([p["reach"]]))[:, 0] for side in (0, 1)]
-    return np.asarray(u - 0.5 * p["reach"] * np.stack(states, axis=1))
+@dataclass(frozen=True)
+class Memory:
+    """Loads that depend on where the stand came from: what remembers, how, and how much each load."""
+
+    of: OfRotor
+    keeps: Sharp | Worn
+    size: OwnLoad
+    shares: tuple[float, float]  # of thrust and torque
+    sides: tuple[int, ...]
+    lower_over_upper: float = 1.0
+
+    def adds(self, frame: StandFrame) -> Array:
+        """(rows, 6) by channels."""
+        out = np.zeros((len(frame.time_s), 6))
+        for side in self.sides:
+            for k, share in enumerate(self.shares):
+                load = 2 * side + k
+                weight = self.size.weight(frame, side)[:, k] * (self.lower_over_upper if side else 1.0)
+                way = self.keeps.way(frame, load, self.of)
+                out[:, load] = share * -0.5 * weight * way
+        return out
+
+
+@dataclass(frozen=True)
+class Relay:
+    """Loads that flip above one speed of a rotor and flip back below another (Mayergoyz 2003)."""
+
+    rotor: int
+    on: float
+    off: float
+    shares: tuple[float, float]
+    sides: tuple[int, ...]
+
+    def adds(self, frame: StandFrame) -> Array:
+        """(rows, 6) by channels."""
+        out = np.zeros((len(frame.time_s), 6))
+        u, row = frame.speeds[:, self.rotor], np.arange(len(frame.speeds))
+        on = np.maximum.accumulate(np.where(u > self.on, row, -1))
+        off = np.maximum.accumulate(np.where(u < self.off, row, -1))
+        flipped = np.asarray(on > off, float)
+        for side in self.sides:
+            for k, share in enumerate(self.shares):
+                load = 2 * side + k
+                out[:, load] = share * frame.predicted[:, load] * flipped
+        return out
+
+
+@dataclass(frozen=True)
+class PlayedCommand:
+    """Speeds behind throttles whose path has play: the middle of it where it was never crossed."""
+
+    share: float
+    reach: float
+
+    def adds(self, frame: StandFrame) -> Array:
+        """(rows, 6) by channels."""
+        u = drive(frame)
+        states = [slipping(u[:, side], np.array([self.reach]))[:, 0] for side in (0, 1)]
+        played = np.asarray(u - 0.5 * self.reach * np.stack(states, axis=1))
+        return self.share * changed_by(frame, played)
+
+
+def form_of(p: Numbers) -> Memory | Relay | PlayedCommand:
+    """The form that has these numbers."""
+    if "share" in p:
+        return PlayedCommand(p["share"], p["reach"])
+    shares = p["thrust_share"], p["torque_share"]
+    sides = tuple(side for name, side in SIDES.items() if name in p) or (0, 1)
+    if "relay" in p:
+        return Relay(int(p["relay"]), p["on"], p["off"], shares, sides)
+    keeps = Worn(p["reach"], p.get("spread"), p.get("fading")) if "reach" in p else Sharp("moving" in p)
+    of = next((kind for name, kind in REMEMBERS.items() if name in p), OfRotor())
+    size = SlowBlades() if "bulge" in p else PowerOfLoad(p["power"]) if "power" in p else OwnLoad()
+    return Memory(of, keeps, size, shares, sides, p.get("lower_over_upper", 1.0))
+
+
+# by the number of a file that asks for it; the later goes before the earlier, of what it wears in along
+REMEMBERS = {"angle": OfAngle(), "load": OfLoad(), "sweep": OfSweep()}
 
 
 def _adds(frame: StandFrame, p: Numbers) -> Array:
-    if "share" in p:
-        return p["share"] * changed_by(frame, _played(frame, p))
-    out, both = np.zeros((len(frame.time_s), 6)), not set(SIDES) & set(p)
-    for name, side in SIDES.items():
-        if name not in p and not both:
-            continue
-        for k, share in enumerate((p["thrust_share"], p["torque_share"])):
-            load = 2 * side + k
-            if "relay" in p:
-                out[:, load] = share * frame.predicted[:, load] * _flipped(frame, p)
-                continue
-            weight = _weight(frame, side, p)[:, k] * (p.get("lower_over_upper", 1.0) if side else 1.0)
-            # a cell's own way, or the speed's
-            way = _way(frame, load if "load" in p else 2 * side, p)
-            out[:, load] = share * -0.5 * weight * way
-    return out
+    return form_of(p).adds(frame)
 
 
 def _starts(frame: StandFrame) -> list[Numbers]:

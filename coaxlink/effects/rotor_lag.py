@@ -20,7 +20,7 @@ from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 from coaxlink.signals import lagged
 
-ROUNDS = 4
+ROUNDS = 4  # of a lag that depends on the speed that it makes
 # finer around a small one: the nuisance's delay is confounded with most of it, and what share is left turns
 # quickly
 SMALL_S = (0.0, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)

@@ -203,10 +203,10 @@ def _places(board: Files, folder: str, size: int, depth: int) -> list[str]:
 
 def readable(path: Path) -> str | None:
     """Why a flight log cannot be refined, None when it can."""
-    from coaxlink.data import read_flight_log
+    from coaxlink.data import read_flights
 
     try:
-        read_flight_log(path)
+        read_flights(path)
     except InputError as error:
         return str(error)
     return None

@@ -25,7 +25,7 @@ from coaxlink.premises import (
 )
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
-from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.refine import vehicle_differs
 from coaxlink.vehicle import Vehicle
 
@@ -35,6 +35,11 @@ def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> H
 
     Raises InputError when a log lacks what every flight needs.
     """
+    if not vehicle_differs(logs, vehicle.declared):
+        kept = flown(logs, vehicle.declared, vehicle.rotors)
+        sources = {log.source for log in kept}
+        names = [name for log, name in zip(logs, names, strict=True) if log.source in sources]
+        logs = kept
     granted = dict.fromkeys(PREMISES[p] for log in logs for p in log.premises)
     return replace(_judged(logs, names, vehicle), premises=(*granted, *unseen(logs)))
 

@@ -5,7 +5,7 @@ s = fac u^2 + (1 - fac) u (PX4's THR_MDL_FAC, ArduPilot's MOT_THST_EXPO). It can
 coaxial rotor (Berra, Trujillo and Heredia 2024, eq. 17), but its few numbers can be chosen so that the wrench
 that comes out follows the rotors over an envelope: a thousand times closer than the printed R-CRM of eq. 15.
 
-Errors alone leave the share of the upper rotors nearly free (least squares would park them), so the share is
+The error hardly depends on the upper rotors' share of the thrust (least squares would park them), so it is
 chosen by power and by the authority that is left; `FittedTable.trade` keeps what was weighed.
 """
 

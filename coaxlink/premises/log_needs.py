@@ -39,7 +39,8 @@ def damage(logs: Sequence[Samples], said: str = "") -> Iterator[NotJudged]:
 
 
 def unseen(logs: Sequence[Samples]) -> Iterator[str]:
-    """In words, of every log that does not hold its flight from the ground to the ground."""
+    """In words, what each log is of, and that it does not hold its flight from the ground to the ground."""
+    yield from dict.fromkeys(words for log in logs for words in log.provenance)
     for log in logs:
         names = [name for name in log.columns if MOTOR.fullmatch(name)]
         if not names or log.rows < 2:

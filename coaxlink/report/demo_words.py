@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from coaxlink.report.pictures.label import channel_words
-from coaxlink.report.refine import number, verdict
+from coaxlink.report.refine import fall, number, verdict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,11 +83,7 @@ def _found(found: Refinement) -> list[str]:
     lines = [f"Hidden in the last flight, and found from its log alone: {named}."]
     if worst:
         e = found.channels[worst]
-        lines.append(
-            f"With it in the model, the error of the {channel_words(worst)} falls from "
-            f"{number(e.rmse_before)} to {number(e.rmse_after)} {e.unit} "
-            f"(noise alone: {number(e.noise_floor)})."
-        )
+        lines.append(f"With it in the model, the error of the {channel_words(worst)} falls from {fall(e)}.")
     return lines
 
 

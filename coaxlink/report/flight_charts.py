@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data import Samples, read_flight_log
-from coaxlink.data.logs.flight import log_kind
+from coaxlink.data import Samples, read_flights
 from coaxlink.data.samples import PREMISES
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact import ExactLaw
@@ -67,15 +66,22 @@ class FlightCharts:
     charts: tuple[Chart, ...]
     events: tuple[tuple[float, str], ...]  # s since the first row, in words
     premises: tuple[str, ...] = field(default=())
+    provenance: tuple[str, ...] = ()  # of those what must be said with the answer
 
 
-def flight_charts(path: Path, vehicle: Vehicle | None) -> FlightCharts:
-    """Read a log and draw up its charts; without a `vehicle` what the log alone tells. Raises InputError."""
-    samples = read_flight_log(path)
+def flight_charts(path: Path, vehicle: Vehicle | None, system: int | None = None) -> list[FlightCharts]:
+    """Read a log and draw up the charts of its flights; without a `vehicle` what the log alone tells.
+
+    Of several vehicles that of `system`. Raises InputError.
+    """
+    return [_charts(samples, vehicle) for samples in read_flights(path, system)]
+
+
+def _charts(samples: Samples, vehicle: Vehicle | None) -> FlightCharts:
     start = float(samples["time_s"][0])
     motors = sorted(int(n[5:]) for n in samples.columns if n.startswith("motor") and n[5:].isdigit())
     charts = list(_logged(samples, motors, start))
-    rests = [PREMISES[p] for p in samples.premises] + list(samples.notes)
+    rests = [*samples.provenance, *(PREMISES[p] for p in samples.premises), *samples.notes]
     if vehicle is None:
         answer = "Thrust, the split of the pairs and the wrench need the file of the airframe."
     else:
@@ -86,7 +92,13 @@ def flight_charts(path: Path, vehicle: Vehicle | None) -> FlightCharts:
             answer = f"No thrust, split or wrench: {error}."
     seconds = float(samples["time_s"][-1]) - start
     return FlightCharts(
-        path.name, seconds, answer, tuple(charts), tuple(_events(path, samples, start)), tuple(rests)
+        Path(samples.source).name,
+        seconds,
+        answer,
+        tuple(charts),
+        tuple(_events(samples, start)),
+        tuple(rests),
+        samples.provenance,
     )
 
 
@@ -175,14 +187,25 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
         charts.append(Chart(f"{axis}, demanded and delivered", unit, tuple(lines), note=note))
     gain = float((demanded[:, 0] * delivered[:, 0]).sum() / (demanded[:, 0] ** 2).sum())
     roll, pitch, yaw = np.mean(delivered - demanded, axis=0)[1:]
+    lift, kg = float(np.mean(demanded[:, 0])), airframe.mass_kg
+    ahead, aside = _aside(-pitch, lift, "forward", "back"), _aside(roll, lift, "right", "left")
     said = [
-        f"Thrust came out at {gain:.2f} of what {by} says",
-        f"Mean torque beyond what it says: roll {roll:+z.2f}, pitch {pitch:+z.2f}, yaw {yaw:+z.2f} N m",
+        f"Mass: thrust came out at {gain:.2f} of what {by} says, as if the vehicle had {kg / gain:.1f} kg "
+        f"(file: {kg:g})",
+        f"Centre of mass: the mean torque beyond that is of one {ahead} and {aside} of the file's "
+        f"(roll {roll:+z.2f}, pitch {pitch:+z.2f} N m)",
+        f"Mean yaw torque beyond it: {yaw:+z.2f} N m",
     ]
     if airframe.pairs:
         said.insert(0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power")
     others = [f"This may be another vehicle's flight: {o.why}" for o in other_vehicle(frame, [samples])]
     return charts, ". ".join([*others, *said]) + "."
+
+
+def _aside(torque_Nm: float, lift_N: float, one: str, other: str) -> str:
+    """How far a centre of mass lies aside that makes this torque under a lift: M = -r x F."""
+    way = 1e3 * torque_Nm / lift_N
+    return f"{abs(way):.1f} mm {one if way >= 0 else other}"
 
 
 def _wrenches(samples: Samples, vehicle: Vehicle, frame: Any) -> tuple[Array, Array, str]:
@@ -207,7 +230,7 @@ def _share(thrust: Array, upper: int, lower: int) -> Array:
     return np.where(both > 1e-6, 100.0 * thrust[:, lower] / np.where(both > 1e-6, both, 1.0), np.nan)
 
 
-def _events(path: Path, samples: Samples, start: float) -> list[tuple[float, str]]:
+def _events(samples: Samples, start: float) -> list[tuple[float, str]]:
     """What the log says in words, and when the vehicle armed and flew."""
     found: list[tuple[float, str]] = []
     words = {"armed": ("armed", "disarmed"), "landed": ("landed", TAKE_OFF)}
@@ -216,22 +239,11 @@ def _events(path: Path, samples: Samples, start: float) -> list[tuple[float, str
             state = samples[name] > 0.5
             at = np.flatnonzero(np.diff(state.astype(int))) + 1
             found += [(float(samples["time_s"][i]) - start, on if state[i] else off) for i in at]
-    found += [(t - start, text) for t, text in _texts(path)]
+    found += [
+        (t - start, text) for t, severity, text in samples.texts if severity is None or severity <= WORST
+    ]
     last = float(samples["time_s"][-1]) - start
     return sorted(row for row in found if -1.0 <= row[0] <= last + 1.0)
-
-
-def _texts(path: Path) -> list[tuple[float, str]]:
-    kind = log_kind(path)
-    if kind == "ulog":
-        from coaxlink.data.logs.ulog import ulog_texts
-
-        return [(t, text) for t, severity, text in ulog_texts(path) if severity <= WORST]
-    if kind == "dataflash":
-        from coaxlink.data.logs.dataflash import dataflash_texts
-
-        return dataflash_texts(path)
-    return []
 
 
 def _thinned(x: Array, y: Array) -> tuple[Array, Array]:

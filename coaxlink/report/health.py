@@ -15,7 +15,7 @@ from coaxlink.report.pictures.looks import THRUST, TORQUE
 from coaxlink.report.terminal import table
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
-TITLE = "share of the model's load, 95 % interval"
+TITLE = "share of the model's load, 95 % interval, whatever the payload"
 LIKELY = 0.01  # of a suspect that is worth a line
 
 
@@ -109,22 +109,33 @@ def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
     """Headings, a row a rotor and a row a pair, in the last flights."""
     last = health.flights[-SHOWN:]
     thrusts = [f"{flight.name}\nthrust" for flight in last]
-    heads = ["rotor", *thrusts, "torque, last", f"chance that over\n{100 * MATTERS:.0f} % are lost"]
-    chance = {s.rotor: s.probability for s in health.suspects}
+    lost = f"chance of\n> {100 * MATTERS:.0f} % lost"
+    heads = ["rotor", *thrusts, "torque, last", "% lost,\nif this", lost]
+    suspects = {s.rotor: s for s in health.suspects}
     rotors = [
         [str(rotor.rotor), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
-         _percent(chance[rotor.rotor]) if rotor.rotor in chance else "-"]
+         *_weighed(suspects.get(rotor.rotor))]
         for i, rotor in enumerate(last[-1].rotors)
     ]  # fmt: skip
     pairs = [
-        [f"pair {pair.rotors[0]}/{pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", ""]
+        [f"pair {pair.rotors[0]}/{pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", "", ""]
         for i, pair in enumerate(last[-1].pairs)
     ]
     return heads, rotors, pairs
 
 
+def _weighed(suspect: SuspectRotor | None) -> tuple[str, str]:
+    """What the verdict rests on: how much a rotor lost if it is the one that did, and how likely it is."""
+    if suspect is None:
+        return "-", "-"
+    half = 50 * (suspect.loss.high - suspect.loss.low)
+    return f"{100 * suspect.loss.value:+z.0f} ± {half:.0f}", _percent(suspect.probability)
+
+
 def _cell(value: Any) -> str:
-    return f"{value.value:.3f} ± {(value.high - value.low) / 2:.3f}"
+    half = (value.high - value.low) / 2
+    digits = 3 if half < 0.01 else 2
+    return f"{value.value:.{digits}f} ± {half:.{digits}f}"
 
 
 def health_page(health: Health, made: Made) -> str:
@@ -154,7 +165,8 @@ def figure(health: Health, stamp: str = "") -> Any:
     columns = min(2, len(rotors))
     rows = -(-len(rotors) // columns)
     drawing = new_figure(1.9 * rows + 1.2)
-    drawing.suptitle(label("\n".join(textwrap.wrap(verdict_line(health).split(";")[0], 70))), fontsize=SIZE)
+    lines = textwrap.wrap(verdict_line(health).split(";")[0], 70)
+    drawing.suptitle("\n".join(map(label, lines)), fontsize=SIZE)
     axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     numbers = list(range(1, len(health.flights) + 1))
     for i, rotor in enumerate(rotors):
@@ -169,11 +181,12 @@ def figure(health: Health, stamp: str = "") -> Any:
         axis.set_title(f"rotor {rotor.rotor}{pair}")
         axis.set_xticks(numbers)
         axis.set_xlim(0.5, len(numbers) + 0.5)
+        if i < columns:  # both of the first row, so that their titles stand level
+            axis.legend()
         plain_axis(axis)
     for axis in list(axes.ravel())[len(rotors) :]:
         axis.set_visible(False)
     for axis in axes[(len(rotors) - 1) // columns]:
         axis.set_xlabel("flight", fontsize=SIZE)
-    axes[0][0].legend(loc="lower left", ncols=2, frameon=False, fontsize=SIZE - 1)
     drawing.supylabel("share of the model's load", fontsize=SIZE)
     return stamped(drawing, stamp)

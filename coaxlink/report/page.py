@@ -8,7 +8,7 @@ from typing import Any
 from coaxlink.report.html import PagePicture, PageTable, render
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.label import channel_words
-from coaxlink.report.refine import number, remarks, verdict
+from coaxlink.report.refine import in_mm, number, remarks, verdict
 from coaxlink.residual.result import Refinement
 
 LEAST_P = 1e-6  # nobody needs to know how much less
@@ -110,7 +110,7 @@ def _errors(result: Refinement) -> PageTable:
 def _effects(result: Refinement) -> PageTable:
     rows = []
     for e in result.effects:
-        for i, p in enumerate(e.parameters):
+        for i, p in enumerate(map(in_mm, e.parameters)):
             interval = " .. ".join(map(number, p.ci)) if p.ci[0] < p.ci[1] else ""
             unit = "" if p.unit == "1" else p.unit
             source = e.source if i == 0 else ""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.terminal import table
-from coaxlink.residual.result import HIDDEN, Ambiguous, FoundEffect, ParameterValue, Refinement
+from coaxlink.residual.result import HIDDEN, Ambiguous, ChannelError, FoundEffect, ParameterValue, Refinement
 
 DIGITS = 3
+SHORT_M = 0.3  # below it a ruler, and a reader, counts in millimetres
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
 
 
@@ -72,10 +74,17 @@ def _most(result: Refinement) -> str:
         return said
     name = min(drops, key=lambda n: drops[n])
     c = result.channels[name]
-    return (
-        f"; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
-        f"{number(c.rmse_after)} {c.unit} (noise alone: {number(c.noise_floor)}){said}"
-    )
+    return f"; the error of the {channel_words(name)} falls from {fall(c)}{said}"
+
+
+def fall(c: ChannelError) -> str:
+    """From what to what. Small corrections, as of a centre of mass, may take most of a fault: both stand."""
+    start, aside = number(c.rmse_before), f"noise alone: {number(c.noise_floor)}"
+    given, before, after = (e**2 for e in (c.rmse_as_given, c.rmse_before, c.rmse_after))
+    if given - before > before - after:  # they take more than the effect adds
+        start = number(c.rmse_as_given)
+        aside += f"; {number(c.rmse_before)} with small corrections in place of the effect"
+    return f"{start} to {number(c.rmse_after)} {c.unit} ({aside})"
 
 
 def _chance(probability: float) -> str:
@@ -86,9 +95,18 @@ def named(effect: FoundEffect) -> str:
     """An effect with its rotor and its first numbers; a switch has no interval, and is no number."""
     determined = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
     shown = [
-        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in determined[:2]
+        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+        for p in map(in_mm, determined[:2])
     ]
     return effect.name + (f" ({', '.join(shown)})" if shown else "")
+
+
+def in_mm(p: ParameterValue) -> ParameterValue:
+    """A short length in millimetres, as a ruler has it."""
+    if p.unit != "m" or max(map(abs, (p.value, *p.ci))) >= SHORT_M:
+        return p
+    low, high = (1e3 * end for end in p.ci)
+    return replace(p, name=f"{p.name.removesuffix('_m')}_mm", value=1e3 * p.value, ci=(low, high), unit="mm")
 
 
 def _words(parameter: ParameterValue) -> str:
@@ -170,13 +188,13 @@ def _errors(result: Refinement) -> Any:
     held_out = next((c.held_out_rows for c in result.channels.values()), 0)
     rows = [
         (
-            name, c.unit, _with_interval(c.rmse_before, c.ci_before),
+            name, c.unit, number(c.rmse_as_given), _with_interval(c.rmse_before, c.ci_before),
             _with_interval(c.rmse_after, c.ci_after), number(c.noise_floor),
         )
         for name, c in result.channels.items()
     ]  # fmt: skip
     title = f"residual: RMS and 95 % interval on {held_out} held-out rows"
-    return table(title, ("channel", "unit", "before", "after", "floor"), rows, left=2)
+    return table(title, ("channel", "unit", "as given", "corrected", "with effects", "floor"), rows, left=2)
 
 
 def _effects(result: Refinement) -> Any:
@@ -186,6 +204,6 @@ def _effects(result: Refinement) -> Any:
             "" if p.unit == "1" else p.unit,
         )
         for e in result.effects
-        for i, p in enumerate(e.parameters)
+        for i, p in enumerate(map(in_mm, e.parameters))
     ]  # fmt: skip
     return table("effects added", ("effect", "parameter", "value (95 %)", "unit"), rows, left=2)

@@ -86,8 +86,8 @@ def verdict(this: Worth, other: Worth) -> str:
     said += [f"It keeps: {', '.join(kept)}."] if kept else []
     notice = "nothing" if same else "the power alone"
     return (
-        f"{' '.join(said)} {gains}. After the integrators have done their work {_left(this)} of error are "
-        f"left ({other.name}: {_left(other)}): in calm hover and slow circles you notice {notice}."
+        f"{' '.join(said)} {gains}. Integrators take off all of the error but {_left(this)} "
+        f"({other.name}: {_left(other)}): in calm hover and slow circles you notice {notice}."
     )
 
 
@@ -164,13 +164,13 @@ def rows(
         ("ceiling, times the weight", [f"{t.thrust_to_weight:.2f}" for t in tables]),
         ("yaw authority in hover, N m", [_number(t.limits[2].moment_Nm, ".1f") for t in tables]),
         ("roll authority in hover, N m", [_number(t.limits[0].moment_Nm, ".1f") for t in tables]),
-        ("thrust for demand in hover, % per %", [_number(t.lift_exponent, ".2f") for t in tables]),
+        ("vertical gain in hover (loops expect 1)", [_number(t.lift_exponent, ".2f") for t in tables]),
         (f"loop gains, {low:.3g} to {high:.3g} kg, change %", [_change(t.load_span) for t in tables]),
         (f"loop gains, full to {SAG:.0%} voltage, change %", [_change(t.sag_span) for t in tables]),
         (f"lift lost at {hard[0]:.0f} N m of roll, N", [_signed(-t.coupling[0, 0]) for t in tables]),
         (f"lift lost at {hard[2]:.1f} N m of yaw, N", [_signed(-t.coupling[2, 0]) for t in tables]),
-        (f"tips at {hard[2]:.1f} N m of yaw, N m", [_number(_tipped(t), ".2f") for t in tables]),
-        ("error left by integrators: lift, N", [_number(t.shape_error[0], ".2f") for t in tables]),
+        (f"roll or pitch from {hard[2]:.1f} N m of yaw, N m", [_number(_tipped(t), ".2f") for t in tables]),
+        ("error after integrators: lift, N", [_number(t.shape_error[0], ".2f") for t in tables]),
         ("  torque, N m", [_number(float(t.shape_error[1:].max()), ".3f") for t in tables]),
     ]
     return [[label, *cells] for label, cells in made]
@@ -186,9 +186,9 @@ def used(worths: Worths) -> str:
 def terms() -> str:
     """What the rows' words mean, one paragraph."""
     return (
-        "Authority: torque when the first rotor is at a bound. Thrust for demand: 1 is what the height loop "
-        "counts on. Lift lost: what an autopilot must make up while that one torque is demanded, "
-        f"{HARD:g} times what an ordinary flight meets. Error left by integrators: mean |error| from 0.77 to "
+        "Authority: torque when the first rotor is at a bound. Vertical gain: thrust over demand, as the "
+        "height loop meets it. Lift lost: what an autopilot must make up while that one torque is demanded, "
+        f"{HARD:g} times what an ordinary flight meets. Error after integrators: mean |error| from 0.77 to "
         "1.33 of the weight, the best constant gain an axis taken off."
     )
 

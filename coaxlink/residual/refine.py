@@ -33,7 +33,7 @@ from coaxlink.premises import (
 )
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.empty_cells import without_empty_cells
-from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.row_order import in_order_of_time
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
@@ -98,6 +98,7 @@ def refine(
 
     if differs := tuple(other_motors(several, airframe)):
         return Refinement("flight", {}, (), (), (), (), (), None, not_this_vehicle=differs)
+    several = flown(several, airframe, model)
     return _answered(several, noted)
 
 

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 HUB = 0.1  # of the radius: no blade inside
-ANNULI = 40
+ANNULI = 40  # of the disc
 DESIGN_LIFT = 0.5  # cl of least drag: QPROP's example propellers
 SOLIDITY = (0.005, 0.6)  # searched: beyond, no propeller
-HALVINGS = 40
+HALVINGS = 40  # of an interval: to rounding
 SETTLED = 16  # passes in which the wake's radius finds its place
 
 _EDGE = np.linspace(HUB, 1.0, ANNULI + 1)

@@ -27,7 +27,7 @@ Torque = Callable[[int, Array, Array], Array]  # of the upper (0) or the lower (
 
 # of the tabulated speeds: a full pack has 1.15 of the usual voltage
 POINTS, MOST_COMMAND, FASTEST = 81, 1.2, 1.25
-ROUNDS, HALVINGS = 3, 22
+ROUNDS, HALVINGS = 3, 22  # of both speeds in turn; of a command's interval: to 3e-7 of it
 STRAIGHT = (0.0, 1.0)
 
 

@@ -27,7 +27,10 @@ LEAST_ROWS, LEAST_SPAN = 8, 0.3  # rows and range of throttle that tell a bend
 SURE = 0.02  # of the speed at full throttle, its standard error: what two rpm sensors are apart
 BENT = 0.05  # of full speed, between a throttle and the speed it gives: more is said
 DRIVEN = 0.6  # of the torque that the rotor has alone at its speed: below, the wake helps to turn it
-HUBER, ROUNDS = 2.5, 12
+HUBER, ROUNDS = (
+    2.5,
+    12,
+)  # deviations beyond which a row counts less (Huber 1964); reweightings
 PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
 WATTS_ROWS = 12

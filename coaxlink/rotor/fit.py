@@ -28,7 +28,7 @@ HIGHEST = 4  # power of a speed
 FELT = HIGHEST + 1  # the order of an upper load that feels the lower rotor: small spacings
 LOWEST = 2  # order of the smallest dictionary: squares are what momentum theory asks for
 HUBER = 2.5  # standard deviations within which a row counts in full
-ONE_IN_A_THOUSAND = 10.83  # of chi squared with one degree of freedom
+CHANCE = 10.83  # chi squared of one degree of freedom that chance exceeds once in a thousand
 LEAST_VARIANCE = 0.05  # of the mean: a row at rest must not rule the fit
 ROWS_A_TERM = 3  # that a dictionary needs
 
@@ -172,7 +172,7 @@ def noise_weights(X: Array, y: Array, weights: Array) -> Array:
     Z = np.stack([np.ones(len(y)), load**2], axis=1)
     a, b = np.linalg.lstsq(Z, squared, rcond=None)[0]
     explained = float(np.var(Z @ [a, b]) / max(np.var(squared), 1e-300))
-    if b <= 0 or len(y) * explained < ONE_IN_A_THOUSAND:
+    if b <= 0 or len(y) * explained < CHANCE:
         return weights
     variance = np.maximum(a, 0.0) + b * load**2
     inverse = 1.0 / np.maximum(variance, LEAST_VARIANCE * variance.mean())

@@ -123,11 +123,11 @@ def for_the_table(result: Identification, load: str) -> str:
             f"the top speed and the lower one at {ratio.min():.2f} to {ratio.max():.2f} of the upper one's"
         )
     error = f"{_known_to(result, load):.2g} {unit_of(load)}"
-    sure = f"the sum of them is known to {error} where it was measured"
+    sure = f"their sum is known to {error} where it was measured"
     top = min(_range(s)[1] for s in (u, v) if np.any(s > 0))
     if top < FULL:
         return f"for a table: {sure}; fly it only below {top:.2f} of the top speed"
-    return f"for a table: nothing, {sure}"
+    return f"for a table it does not matter: {sure}"
 
 
 def _known_to(result: Identification, load: str) -> float:

@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.constants import ONE_IN_A_THOUSAND
 from coaxlink.load import Load
 from coaxlink.rotor.fit import FELT, LoadFit, order_of, row_weights
 from coaxlink.rotor.polynomial import design_matrix, parse_term, term_name
@@ -30,7 +31,6 @@ SLOWEST, FASTEST, POINTS = 0.12, 1.05, 16  # normalised speeds of the grid; slow
 MARGIN = 0.02  # of a load's usual slope: flat is no better than falling, for an allocator
 WAKE_DRIVES = 0.02  # of the largest lower torque: less, and the wake turns the rotor
 FAST = 0.3  # of the fastest upper speed: below, a wake turns nothing
-ONE_IN_A_THOUSAND_P = 1e-3
 ROWS_A_HELD_TERM = 2  # fewer than of a free fit: the conditions tell what rows do not
 ROUNDED, RIDGE = 1e-9, 1e-12  # of a slope; of the programme's own size, for terms the rows cannot tell apart
 
@@ -85,7 +85,7 @@ def misses_rows(held: LoadFit, free: LoadFit, rows: LoadRows) -> bool:
     for fit in (held, free):
         freedom.append(max(len(rows.y) - len(fit.polynomial.terms()), 1))
         scatter.append(float(np.sum((rows.y - fit.predict(rows.upper, rows.lower)) ** 2)) / freedom[-1])
-    return bool(fdtrc(*freedom, scatter[0] / max(scatter[1], 1e-300)) < ONE_IN_A_THOUSAND_P)
+    return bool(fdtrc(*freedom, scatter[0] / max(scatter[1], 1e-300)) < ONE_IN_A_THOUSAND)
 
 
 def _plain_terms(load: Load, fit: LoadFit, order: int) -> list[str]:

@@ -29,7 +29,7 @@ from coaxlink.rotor.stand_data import refuse_full_speed
 
 Array = NDArray[np.float64]
 
-DRAWS = 800
+DRAWS = 800  # of the prior: its spread is then known to 2.5 %
 LIKELY = 0.02  # mean likelihood of the draws: less, and the table's figures are no propeller's
 SEED = 1  # the same table gives the same prior
 RATIOS = np.linspace(0.2, 1.6, 15)  # upper over lower speed: what vehicles fly, and a margin

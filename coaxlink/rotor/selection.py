@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.constants import ONE_IN_A_THOUSAND
 from coaxlink.rotor.fit import (
     FELT,
     HIGHEST,
@@ -42,7 +43,6 @@ from coaxlink.rotor.uncertainty import (
 
 PENALTIES = 50  # points of the path
 FELT_SHARE = 0.2  # of the squared error of an upper load, that the lower rotor's speed explains
-ONE_IN_A_THOUSAND_P = 1e-3
 
 
 def fit_load(form: str, rows: LoadRows, options: Options) -> LoadFit:
@@ -151,7 +151,7 @@ def _felt(X: Array, rows: LoadRows, weights: Array, options: Options) -> bool:
     gain = left[0] - left[1]
     if gain < FELT_SHARE * left[0]:
         return False
-    return bool(fdtrc(3, freedom, gain / 3 / max(left[1] / freedom, 1e-300)) < ONE_IN_A_THOUSAND_P)
+    return bool(fdtrc(3, freedom, gain / 3 / max(left[1] / freedom, 1e-300)) < ONE_IN_A_THOUSAND)
 
 
 def _determined(X: Array) -> bool:

@@ -15,7 +15,7 @@ from coaxlink.setup.sources import frame_layout
 from firmware_params.ardupilot import scripts
 from firmware_params.ardupilot.frames import FRAME_NAMES, OTHER_CLASSES, frame_of
 from firmware_params.ardupilot.owners_script import own_matrix
-from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS
+from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS, SURFACES
 from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Factors
 from firmware_params.errors import TableError
 
@@ -47,11 +47,19 @@ def ardupilot_layout(
     where = f"{prefix}FRAME_CLASS {frame}"
     outputs = _outputs(params)
     notes: list[str] = []
+    if f"{prefix}FRAME_TYPE" not in params and frame not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
+        notes.append(f"{prefix}FRAME_TYPE stands nowhere: X (1), ArduCopter's default, is taken")
+    given = {n: f for n in range(1, _OUTPUTS + 1) if (f := params.get(f"SERVO{n}_FUNCTION")) is not None}
+    surfaces = [f"SERVO{n}_FUNCTION {f:g} ({SURFACES[int(f)]})" for n, f in given.items() if f in SURFACES]
+    if surfaces:
+        notes.append(f"outputs that drive no rotor: {', '.join(surfaces)}")
+    doubled = None
     if frame in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         layout = _scripted(params, source, where, frame, script)
     else:
         layout = _own_frame(source, where, prefix, frame, kind)
-        if doubled := _doubled(layout, outputs):
+        doubled = _doubled(layout, outputs)
+        if doubled:
             layout, outputs = doubled
             notes.append(
                 "each motor function drives two outputs: pairs that turn alike, by one command; the motor of "
@@ -63,12 +71,17 @@ def ardupilot_layout(
     )
     if plane:
         notes.append("a quadplane: these are its lift motors; coaxlink's tables are ArduCopter's (MOT_*)")
-    if not notes and any(p.level is None and len(s) > 1 for s in layout.stacks() for p in _of(layout, s)):
+    open_pairs = any(p.level is None and len(s) > 1 for s in layout.stacks() for p in _of(layout, s))
+    if open_pairs and not (plane or doubled):
         notes.append(
             "which rotor of a pair is the upper one stands nowhere on this board: where `upper` does not "
             "say, the one that the motor test turns first"
         )
-    return replace(layout, mounts=mounts, notes=(*layout.notes, *notes))
+    idle = tuple(n for n, mount in enumerate(mounts, 1) if not mount.output)
+    if idle and len(given) < len(mounts):  # a file of a few parameters does not say
+        idle = ()
+        notes.insert(0, "not all SERVOn_FUNCTION are there: whether every motor has an output is not known")
+    return replace(layout, mounts=mounts, notes=(*layout.notes, *notes), idle=idle)
 
 
 def _of(layout: Layout, stack: tuple[int, ...]) -> list[Mount]:

@@ -10,10 +10,9 @@ import numpy as np
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.rotor import RotorModel
-from coaxlink.setup.layout import Layout
+from coaxlink.setup.layout import WIDEST_M, Layout
 from firmware_params.errors import Finding
 
-_WIDEST_M = 5.0  # an arm longer than this is millimetres or centimetres taken for metres
 _SHORTEST_M = 0.03  # an arm shorter than this is a unit of another kind
 _APART = 0.1  # of the longest arm: rotors of a pair stand one above the other within this
 _BALANCE = 0.05  # of the longest arm: how far the rotors' middle may be from the centre of mass
@@ -35,6 +34,15 @@ def check_airframe(airframe: Airframe, model: RotorModel | None = None) -> tuple
     found = [finding for check in checks for finding in check(airframe)]
     found += _thrust(airframe, model) if model else ()
     return tuple(sorted(found, key=lambda f: f.severity != "error"))
+
+
+def check_outputs(board: Layout) -> tuple[Finding, ...]:
+    """An error where a rotor has no output: the vehicle cannot fly so."""
+    if not board.idle:
+        return ()
+    numbers = ", ".join(map(str, board.idle))
+    text = f"no output drives rotor {numbers}: assign one on the board before it flies"
+    return (Finding("airframe.outputs", "error", text, board.source),)
 
 
 def check_against(airframe: Airframe, board: Layout) -> tuple[Finding, ...]:
@@ -98,8 +106,8 @@ def airframe_arm(airframe: Airframe) -> float:
 
 def _lengths(airframe: Airframe) -> Iterator[Finding]:
     arm = airframe_arm(airframe)
-    if not _SHORTEST_M <= arm <= _WIDEST_M:
-        text = f"an arm of {arm:g} m: {'millimetres' if arm > _WIDEST_M else 'another unit'}?"
+    if not _SHORTEST_M <= arm <= WIDEST_M:
+        text = f"an arm of {arm:g} m: {'millimetres' if arm > WIDEST_M else 'another unit'}?"
         yield Finding("airframe.units", "error", text, "metres are expected")
 
 
@@ -149,7 +157,7 @@ def _inertia(airframe: Airframe) -> Iterator[Finding]:
 
 def _mass(airframe: Airframe) -> Iterator[Finding]:
     arm = airframe_arm(airframe)
-    if not _SHORTEST_M <= arm <= _WIDEST_M:
+    if not _SHORTEST_M <= arm <= WIDEST_M:
         return  # the length is wrong, and said to be
     arms = len(airframe.pairs) + len(airframe.singles)
     area = arms * math.pi * (_LARGEST_DISC * arm) ** 2

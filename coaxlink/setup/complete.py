@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.airframe import AXES, Airframe, Rotor
+from coaxlink.airframe import AXES, FURTHEST_M, Airframe, Rotor
 from coaxlink.errors import InputError
 from coaxlink.rotor.model import Source
-from coaxlink.setup.layout import Layout, Mount, refuse_far
+from coaxlink.setup.layout import WIDEST_M, Layout, Mount, refuse_far
 
 Inertia = tuple[float, float, float]
 _TORQUE_ARMS = 0.1  # torque over thrust, of an arm: rank does not hang on it
@@ -63,7 +63,7 @@ def completed(layout: Layout, body: Body) -> Airframe:
     """The vehicle. Raises MissingError (all that is missing), InputError (what contradicts the layout)."""
     if lacking := missing(layout, body):
         raise MissingError(layout.source, lacking)
-    scale = 1.0 if layout.metres else _positive("`arm_m`", body.arm_m)
+    scale = 1.0 if layout.metres else _metres("`arm_m`", body.arm_m)
     levels = _levels(layout, body.upper)[0]
     partners = {n: other for stack in layout.stacks() for n in stack for other in stack if other != n}
     rotors = tuple(
@@ -173,7 +173,7 @@ def _height(mount: Mount, level: str, body: Body) -> float:
         return mount.z
     if level == "single":
         return 0.0
-    half = 0.5 * _positive("`spacing_m`", body.spacing_m)
+    half = 0.5 * _metres("`spacing_m`", body.spacing_m)
     return -half if level == "upper" else half
 
 
@@ -181,3 +181,12 @@ def _positive(field: str, value: float | None) -> float:
     if value is None or not 0.0 < value < math.inf:
         raise InputError(field, "", f"a number above 0 is expected, found {value}")
     return float(value)
+
+
+def _metres(field: str, value: float | None) -> float:
+    """A length of the vehicle; raises InputError for what are millimetres or centimetres."""
+    length = _positive(field, value)
+    if WIDEST_M < length <= FURTHEST_M:
+        meant = f"{length / 1000:g} for millimetres, {length / 100:g} for centimetres?"
+        raise InputError(field, f"{length:g}", f"metres are expected: {meant}")
+    return length

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from coaxlink.airframe import FURTHEST_M
 from coaxlink.errors import InputError
 
+WIDEST_M = 5.0  # an arm longer than this is millimetres or centimetres taken for metres
 UP = (0.0, 0.0, -1.0)
 _SAME_AXIS = 0.1  # of the longest arm: two rotors of a pair stand one above the other within this
 
@@ -41,6 +42,7 @@ class Layout:
     mounts: tuple[Mount, ...]
     metres: bool  # False: directions only, an arm length is still to come
     notes: tuple[str, ...] = field(default=())
+    idle: tuple[int, ...] = ()  # numbers of rotors that no output drives, where the source has all outputs
 
     @property
     def arm(self) -> float:

@@ -77,10 +77,10 @@ def px4_layout(params: Params, source: str) -> Layout:
     notes = []
     if flat:
         notes.append("CA_ROTOR*_PZ are all alike: which rotor of a pair is the upper one stands nowhere")
-    unassigned = [str(n) for n in range(1, len(mounts) + 1) if n not in outputs]
-    if outputs and unassigned:
-        notes.append(f"no output is assigned to rotor {', '.join(unassigned)}")
-    return Layout(source, tuple(mounts), metres=True, notes=tuple(notes))
+    idle = tuple(n for n in range(1, len(mounts) + 1) if n not in outputs)
+    if sum(_PX4_OUTPUT.fullmatch(name) is not None for name in params) < len(mounts):
+        idle = ()  # a file of a few parameters does not say
+    return Layout(source, tuple(mounts), metres=True, notes=tuple(notes), idle=idle)
 
 
 def frame_layout(motors: Frame, source: str) -> Layout:

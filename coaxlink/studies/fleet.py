@@ -281,24 +281,27 @@ def growth(dates: Sequence[str], values: Sequence[float]) -> tuple[float, tuple[
 class RefineLog:
     """`refine` of one flight log as a fleet's analysis: the vehicle's files, or those beside its logs."""
 
-    airframe: Path
+    airframe: Path | None
     rotor: Path | None = None
 
     def __call__(self, log: Path) -> list[LogFinding]:
         """Everything that refine names; raises CoaxlinkError."""
         from coaxlink.airframe import load_airframe
-        from coaxlink.data import read_flight_log
+        from coaxlink.data import read_flights
         from coaxlink.residual import refine
         from coaxlink.vehicle import load_rotors
 
         beside = log.parent / "airframe.toml"
-        frame = load_airframe(beside if beside.is_file() else self.airframe)
+        file = beside if beside.is_file() else self.airframe
+        if file is None:
+            raise InputError(log, "", f"whose flight is it? An {beside.name} beside it, or `airframe`")
+        frame = load_airframe(file)
         model = self.rotor or frame.rotor_model
         if model is None:
             raise InputError(
                 frame.source or "airframe", "rotor_model", "missing: name a rotor file (`rotor`)"
             )
-        answer = refine(read_flight_log(log), frame, load_rotors(model))
+        answer = refine(read_flights(log), frame, load_rotors(model))
         found = []
         for e in answer.effects:
             by_name = {p.name: p for p in e.parameters}

@@ -60,6 +60,31 @@ def out_of_range(params: Mapping[str, float]) -> list[Finding]:
     return found
 
 
+SURFACES = {  # SERVOn_FUNCTION of what is no motor of a multirotor (SRV_Channel.h)
+    2: "flap", 3: "flap", 4: "aileron", 16: "differential spoiler", 17: "differential spoiler",
+    19: "elevator", 21: "rudder", 24: "flaperon", 25: "flaperon", 26: "ground steering",
+    31: "helicopter rotor speed", 41: "tilt", 70: "throttle", 73: "left throttle", 74: "right throttle",
+    75: "tilt", 76: "tilt", 77: "elevon", 78: "elevon", 79: "V-tail", 80: "V-tail",
+    86: "differential spoiler", 87: "differential spoiler",
+}  # fmt: skip
+
+
+def motor_range(params: Mapping[str, float]) -> tuple[float, float] | None:
+    """Pulses (us) of a motor at nothing and at full command; None where the parameters do not say.
+
+    MOT_PWM_MIN and MOT_PWM_MAX; where they are 0, as until 4.2 they were by default, or not there, as before
+    3.4, those of the throttle's channel (AP_MotorsMulticopter::get_pwm_output_min).
+
+    >>> motor_range({"MOT_PWM_MIN": 0, "MOT_PWM_MAX": 0, "RC3_MIN": 1100, "RC3_MAX": 1900})
+    (1100.0, 1900.0)
+    """
+    channel = int(params.get("RCMAP_THROTTLE", 3))
+    ends = [
+        params.get(f"MOT_PWM_{end}") or params.get(f"RC{channel}_{end}") or math.nan for end in ("MIN", "MAX")
+    ]
+    return (float(ends[0]), float(ends[1])) if 0.0 < ends[0] < ends[1] < 1e4 else None
+
+
 def servo_function(motor: int) -> int:
     """SERVOn_FUNCTION of a motor, counted from 1: 33..40, then 82..85, then 160..179 (SRV_Channel.h)."""
     return 32 + motor if motor <= 8 else 73 + motor if motor <= 12 else 147 + motor

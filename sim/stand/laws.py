@@ -1,7 +1,7 @@
 """The laws a stand's effects may follow: the first of each is its own, `law = "..."` asks for another.
 
 Others are accepted laws of the same physics, as large over the range the stand runs as the first of the same
-size. docs/sim.md gives them with their sources.
+size. sim/effects.md gives them with their sources.
 """
 
 from __future__ import annotations

@@ -102,6 +102,23 @@ def test_mistakes_are_exit_code_1(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_board_whose_rotor_has_no_output_is_made_and_ends_with_1(tmp_path):
+    functions = {n: 32 + n for n in range(1, 9)} | {3: 4, 9: 0}
+    rows = [f"SERVO{n}_FUNCTION,{function}" for n, function in functions.items()]
+    board = tmp_path / "b.param"
+    board.write_text("\n".join(["@include more.parm", "FRAME_CLASS,4", *rows]) + "\n")
+    sizes = ["--mass", "12", "--arm", "0.5", "--spacing", "0.1"]
+    run = coaxlink("init", tmp_path / "v.toml", "--from", board, *sizes)
+    assert run.code == 1 and (tmp_path / "v.toml").exists()
+    assert "error: airframe.outputs: no output drives rotor 3" in run.out
+    for said in (
+        "'@include more.parm' was not followed",
+        "SERVO3_FUNCTION 4 (aileron)",
+        "FRAME_TYPE stands nowhere",
+    ):
+        assert said in run.err
+
+
 def test_examples_are_listed_and_copied(tmp_path):
     listed = coaxlink("examples")
     assert listed.code == 0

@@ -19,6 +19,17 @@ MN4014,16*5.4,50%,22.2,4.2,93,800,3690,0.16
 """
 
 
+def test_a_sheet_of_two_supplies_asks_which(tmp_path):
+    path = tmp_path / "two.csv"
+    twice = [(3690, 800), (4480, 1190), (5020, 1500), (6110, 2250)]
+    rows = [f"{volts},{rpm},{grams}" for volts in (22.2, 44.4) for rpm, grams in twice]
+    path.write_text("\n".join(["Volts (V),RPM,Thrust (g)", *rows]) + "\n")
+    run = coaxlink("identify", "--single", path, *SIZES)
+    assert run.code == 2 and "rows at 22.2 V and 44.4 V: which are yours? --voltage" in run.err
+    run = coaxlink("identify", "--single", path, *SIZES, "--voltage", 30)
+    assert run.code == 2 and "--voltage: no rows at 30 V" in run.err
+
+
 @pytest.mark.slow
 def test_rubbish_gets_one_line(tmp_path):
     tables = {

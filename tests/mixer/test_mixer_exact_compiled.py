@@ -3,6 +3,9 @@
 import ctypes
 import dataclasses
 import shutil
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -69,3 +72,26 @@ def test_compiled_or_not_it_is_the_same_law_and_ten_thousand_wrenches_are_delive
     thrust, torque = frame.loads(x8.model, found)
     assert np.abs(frame.wrench(thrust, torque) - demands).max() < 5e-7  # 1e-9 of the authority
     assert ((torque * found).sum(axis=1) <= (frame.loads(x8.model, u)[1] * u).sum(axis=1) * (1 + 1e-9)).all()
+
+
+def test_while_another_process_compiles_the_law_this_one_waits(tmp_path):
+    class Function:
+        def compile(self, signature):
+            return signature
+
+    function = compiled.one_at_a_time(Function(), tmp_path)
+    other = (
+        "import portalocker, sys\n"
+        "f = open(sys.argv[1], 'w'); portalocker.lock(f, portalocker.LOCK_EX); print(flush=True); input()"
+    )
+    line = [sys.executable, "-c", other, str(tmp_path / "lock")]
+    with subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holds:
+        holds.stdout.readline()
+        done = []
+        mine = threading.Thread(target=lambda: done.append(function.compile("sum")))
+        mine.start()
+        mine.join(0.2)
+        assert not done
+        holds.communicate(b"\n")
+    mine.join()
+    assert done == ["sum"]

@@ -124,8 +124,9 @@ def test_a_log_of_samples_shows_its_commands_without_rounding_and_no_mode() -> N
     columns |= {f"rpm{n}": 0 * time + 2000.0 for n in range(1, 9)}
     columns |= {f"vel_{a}_m_s": 0 * time for a in "ned"} | {"landed": (time < 10).astype(float)}
     columns |= {"height_m": 0 * time + 3.0, "voltage_V": 0 * time + 24.0, "armed": (time > 10).astype(float)}
-    texts = [(17.0, 4, "low battery")]
-    log = SampleLog("a.ulg", Samples(columns, "a.ulg"), 12, px4_table(73.06, 73.06), texts)
+    texts = ((17.0, 4, "low battery"),)
+    board = px4_table(73.06, 73.06)
+    log = SampleLog("a.ulg", [Samples(columns, "a.ulg", parameters=board, texts=texts)], 12)
     played = Played(log, start_s=5.0)
     view = played.look()
     assert view.arms[0].upper.throttle == pytest.approx(0.4501, abs=2e-4) and not view.vehicle.armed

@@ -14,6 +14,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.data.samples import DAMAGED
+from coaxlink.errors import InputError
 from coaxlink.health.judge import Health
 from coaxlink.health.premises import flown_by, judged
 from coaxlink.premises import as_if, moves, other_vehicle, unseen
@@ -217,6 +218,25 @@ def test_a_log_that_is_not_a_whole_flight_says_what_it_does_not_hold():
             with case(str(words)):
                 said = tuple(unseen([log]))
                 assert len(said) == len(words) and all(w in s for w, s in zip(words, said, strict=True))
+
+
+def test_every_stretch_of_a_log_is_judged_and_one_on_the_ground_is_named(flights):
+    sound, weak = flights
+    bench = sound.take(slice_of(sound, 0.0, 5.0))
+    parts = {"stretch 1 of 3": sound, "stretch 2 of 3": bench, "stretch 3 of 3": weak}
+    log = [replace(part, source=name, provenance=("3 stretches",)) for name, part in parts.items()]
+    found = judged(log, list(parts), body(**{"sources": MEASURED}))
+    assert found.verdict == "ground it" and found.suspects[0].rotor == WEAK
+    assert found.suspects[0].since == "stretch 3 of 3" and len(found.flights) == 2
+    assert found.premises[0] == "3 stretches" and "stretch 2 of 3 is not judged: " in found.premises[1]
+    with pytest.raises(InputError, match="stretch 2 of 3"):
+        judged([log[1], log[1]], ["a", "b"], body())
+
+
+def slice_of(log, start_s, stop_s):
+    """(rows,) those of so many seconds from the start."""
+    time = log["time_s"] - log["time_s"][0]
+    return (time >= start_s) & (time < stop_s)
 
 
 def test_what_was_measured_is_not_moved():

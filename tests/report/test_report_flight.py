@@ -46,7 +46,7 @@ def hover(tmp_path_factory):
 
 
 def test_every_rotor_pair_and_axis_is_drawn(hover):
-    flight = flight_charts(*hover)
+    [flight] = flight_charts(*hover)
     charts = {c.title: c for c in flight.charts}
     assert len(charts["Command of every rotor"].lines) == len(charts["Thrust of every rotor"].lines) == 8
     assert [line.name for line in charts["Current of every rotor"].lines] == ["rotor 3"]
@@ -64,7 +64,7 @@ def test_every_rotor_pair_and_axis_is_drawn(hover):
 
 
 def test_without_a_vehicle_the_log_alone_is_drawn_and_what_is_missing_is_said(hover):
-    flight = flight_charts(hover[0], None)
+    [flight] = flight_charts(hover[0], None)
     assert "file of the airframe" in flight.answer
     assert not any("hrust" in c.title for c in flight.charts)
 

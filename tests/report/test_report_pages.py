@@ -133,3 +133,16 @@ def test_that_nothing_is_found_says_how_probable_it_is_that_something_is_there(f
     said = Refinement("stand", {}, (), (), (), (), (), None, more=0.44, **found)
     assert verdict(said).endswith("probability that something is there: 0.44")
     assert "probability" not in verdict(replace(said, more=None))
+
+
+def test_a_centre_of_mass_is_read_in_millimetres():
+    place = ParameterValue("offset_x_m", 0.0123, (0.0113, 0.0133), "m")
+    found = replace(FOUND, effects=(replace(WEAK, name="cg_offset", parameters=(place,)),))
+    assert "cg offset (offset x 12.3 mm)" in sentence(found)
+    assert ">offset_x_mm<" in page(found)
+
+
+def test_an_error_that_small_corrections_would_take_is_told_as_it_came():
+    taken = replace(ERROR, rmse_before=0.0265, ci_before=(0.0257, 0.0273))
+    found = replace(FOUND, channels=dict.fromkeys(FOUND.channels, taken))
+    assert "falls from 0.66 to 0.0034 N m (noise alone: 0.0034; 0.0265 with small" in verdict(found)

@@ -91,7 +91,7 @@ def test_what_a_line_of_speeds_means_for_a_table() -> None:
     text = for_the_table(identify(line, "rcrm", compare=False), "lower.thrust_N")
     assert "fly it only with both rotors between" in text and "of the upper one's" in text
     full_map = identify(log(*full()), "rcrm", compare=False)
-    assert "for a table: nothing" in for_the_table(full_map, "lower.thrust_N")
+    assert "for a table it does not matter" in for_the_table(full_map, "lower.thrust_N")
 
 
 def test_long_logs_are_averaged_where_speeds_hold() -> None:

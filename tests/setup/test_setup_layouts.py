@@ -15,6 +15,7 @@ from coaxlink.setup import (
     airframe_toml,
     ardupilot_layout,
     check_airframe,
+    check_outputs,
     completed,
     draw,
     missing,
@@ -250,3 +251,27 @@ def test_the_front_right_rotor_is_drawn_front_right():
     rear = next(k for k, row in enumerate(rows) if "3 upper ccw" in row)
     assert front < rear
     assert rows[front].index("1 upper") > rows[front].index("2 upper")
+
+
+def test_what_a_few_parameters_leave_out_is_said():
+    """A type that stands nowhere, surfaces, motors without an output."""
+    motors = {f"SERVO{n}_FUNCTION": 32 + n for n in range(1, 9)}
+    sound = ardupilot_layout({"FRAME_CLASS": 4, "FRAME_TYPE": 1, **motors}, "board")
+    assert not sound.idle and not any("nowhere: X" in note or "drive no" in note for note in sound.notes)
+    few = ardupilot_layout({"FRAME_CLASS": 4}, "few.param")
+    assert not few.idle and any("FRAME_TYPE stands nowhere: X (1)" in note for note in few.notes)
+    assert any("not all SERVOn_FUNCTION are there" in note for note in few.notes)
+    wrong = ardupilot_layout({"FRAME_CLASS": 4, "FRAME_TYPE": 1, **motors, "SERVO3_FUNCTION": 4}, "board")
+    assert wrong.idle == (3,) and any("SERVO3_FUNCTION 4 (aileron)" in note for note in wrong.notes)
+    (finding,) = check_outputs(wrong)
+    assert finding.severity == "error" and "no output drives rotor 3" in finding.text
+    px4 = px4_params(X8) | {f"PWM_MAIN_FUNC{n}": 100 + n for n in range(1, 8)} | {"PWM_MAIN_FUNC8": 0}
+    assert px4_layout(px4, "board").idle == (8,) and not px4_layout(px4_params(X8), "few").idle
+
+
+@pytest.mark.parametrize(
+    "arm_m, spacing_m, said", [(400.0, 0.1, "0.4 for mill"), (0.5, 140.0, "0.14 for mill")]
+)
+def test_millimetres_are_asked_about(arm_m, spacing_m, said):
+    with pytest.raises(InputError, match=f"metres are expected: {said}"):
+        completed(template("x8"), Body("x8", 20.0, arm_m, spacing_m))

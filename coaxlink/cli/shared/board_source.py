@@ -18,15 +18,16 @@ if TYPE_CHECKING:
 TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long an autopilot is waited for.")]
 
 
-def layout_of_file(path: Path, script: Path | None = None) -> Layout:
+def layout_of_file(path: Path, script: Path | None = None, system: int | None = None) -> Layout:
     """From parameters in any form, ULog, DataFlash, tlog; `script` is the matrix of FRAME_CLASS 15 or 17.
 
+    Of several vehicles that of `system`.
     Raises InputError.
     """
     from coaxlink.data.logs.board_parameters import read_board_parameters
     from coaxlink.setup import ardupilot_layout, px4_layout
 
-    found = read_board_parameters(path, telling=True)
+    found = read_board_parameters(path, telling=True, system=system)
     if found.firmware == "px4":
         layout = px4_layout(found.params, path.name)
     else:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli.shared.flight_logs import read_flights_of
 from coaxlink.cli.shared.shell import console, say, talk
 
 AirframeOption = Annotated[
@@ -22,6 +23,7 @@ def identify_from_flights(
     logs: Sequence[Path],
     airframe: Path | None,
     rotor: Path | None,
+    system: int | None,
     out: Path | None,
     json: Path | None,
     plan: Path | None,
@@ -31,7 +33,6 @@ def identify_from_flights(
     Raises InputError, for a vehicle that can fly no plan after all else is printed and written.
     """
     from coaxlink import files
-    from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.data.samples import PREMISES
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.health.coefficients import coefficients_from_flights
@@ -40,23 +41,21 @@ def identify_from_flights(
     from coaxlink.premises import unseen
     from coaxlink.premises.answer import as_json
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
+    from coaxlink.residual.channels.flight import flown
+    from coaxlink.residual.refine import vehicle_differs
     from coaxlink.rotor.model import save_rotor_model
     from coaxlink.vehicle import load_vehicle
 
     if airframe is None:
         raise InputError("--rotor", "", "is the prior of flight logs: name the vehicle with --airframe")
-    for path in logs:
-        if not is_flight_log(path):
-            raise InputError(path, "", "a flight log is expected with --airframe, found a stand's")
     for output in (out, json, plan):
         files.refuse_unwritable(output)
     vehicle = load_vehicle(airframe, rotor)
     with talk().status("reading") as status:
-        read = []
-        for path in logs:
-            status.update(f"reading {path.name}")
-            read.append(read_flight_log(path))
+        read = read_flights_of(logs, system, status.update)
         status.update("is this the vehicle?")
+        if not vehicle_differs(read, vehicle.declared):
+            read = flown(read, vehicle.declared, vehicle.rotors)
         if reasons := flown_by(read, vehicle):
             if json:
                 files.write_json(json, as_json(reasons))

@@ -10,6 +10,7 @@ import re
 
 OPTIONS = {
     "air_density_kg_m3": "--density",
+    "airframe": "--airframe",
     "arm_m": "--arm",
     "blades": "--blades",
     "board": "--connect",
@@ -44,6 +45,7 @@ OPTIONS = {
     "spin_from_table": "--spin-from-table",
     "speed_max_rpm": "--speed-max-rpm",
     "split_reach": "--split-reach",
+    "system": "--system",
     "take_over": "--take-over",
     "target_system": "--system",
     "template": "--template",

@@ -15,6 +15,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
+from coaxlink._interrupts import INTERRUPTED
 from coaxlink.absent import absent
 from coaxlink.cli.shared.completion import require_shell
 from coaxlink.cli.shared.options import by_option
@@ -32,7 +33,6 @@ SchedulerOption = Annotated[
     typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, as tcp://HOST:8786, instead."),
 ]
 
-INTERRUPTED = 130
 FAULT = 70  # EX_SOFTWARE of sysexits.h: the fault is coaxlink's own, not the input's
 # a disk or a pipe's end takes no more: the user's to mend
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}

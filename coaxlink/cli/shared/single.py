@@ -21,6 +21,9 @@ PitchOption = Annotated[
 SpacingOption = Annotated[
     float | None, typer.Option(metavar="M", help="From disc to disc of the pair, with --single.")
 ]
+SupplyOption = Annotated[
+    float | None, typer.Option("--voltage", metavar="V", help="Of --single, where its rows have several.")
+]
 BladesOption = Annotated[int, typer.Option(min=1, max=8, help="Blades of a propeller, with --single.")]
 
 
@@ -31,6 +34,7 @@ def prior_of_single(
     spacing_m: float | None,
     pitch_m: float | None,
     blades: int,
+    voltage_V: float | None,
     speed_max_rpm: float | None,
     out: Path | None,
     json: Path | None,
@@ -56,6 +60,7 @@ def prior_of_single(
         poles=how.poles,
         sheet=how.sheet,
         trust_units=how.trust_units,
+        voltage_V=voltage_V,
     )
     prior = pair_prior(read, propeller, speed_max_rpm=speed_max_rpm)
     say(f"{read.source}: {len(read.rpm)} rows, {read.origin.words}; no coaxial measurement enters")

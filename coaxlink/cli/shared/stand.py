@@ -98,10 +98,12 @@ def read_stand(
 
 def refuse_flight_log(path: Path) -> None:
     """Raises InputError when a stand log is expected and this is a flight's, naming the verb for it."""
-    from coaxlink.data import is_flight_log
+    from coaxlink.data import is_flight_log, read_flights
     from coaxlink.errors import InputError
 
     if is_flight_log(path):
+        if path.suffix.lower() != ".csv":
+            read_flights(path)  # a verb that would refuse it is not named; of a table refine names the column
         wanted = f"a flight log: coaxlink refine {path.name} --airframe AIRFRAME.toml takes it"
         raise InputError(path, "", f"{wanted}; identify takes stand logs")
 

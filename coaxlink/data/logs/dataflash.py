@@ -6,52 +6,67 @@ estimator's bias (XKF2), since ArduPilot logs them raw.
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from coaxlink.data.logs.changes import Change, periods, read_in_periods
-from coaxlink.data.logs.dataflash_text import read_text
+from coaxlink.data.logs.dataflash_records import Kept, Records, read_records
 from coaxlink.data.logs.outputs import (
     ARDUPILOT_OUTPUTS,
     Map,
     ardupilot_map,
     as_motors,
     commands,
+    motorless,
     motors_of_escs,
+    tell_range,
 )
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merge, possible, rows_of, series
-from coaxlink.data.quiet import one_line, silenced
+from coaxlink.data.logs.stretches import ONBOARD_S, Stream, cuts, each_stretch
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, PREMISES, Samples
 from coaxlink.errors import InputError
 
 TYPES = (
-    "MOUT", "RCOU", "RCO2", "RCO3", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "ATT", "BAT", "CURR", "RFND",
-    "ESC", "EV", "ARM",
+    "MOUT", "RCOU", "RCO2", "RCO3", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "EKF1", "ATT", "BAT", "CURR",
+    "RFND", "ESC", "EV", "ARM", "MSG",
 )  # fmt: skip
+PACED = ("ATT", "IMU", "RCOU", "MOUT", "XKF1", "NKF1", "EKF1")  # the board's clock in even steps
 OUTPUTS = ("MOUT", "RCOU", "RCO2", "RCO3")
-MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
-TRAILING = 528  # bytes that may follow: pymavlink's own figure, twice the page of block-based logging
-HEAD = b"\xa3\x95"  # of every message
 EVENT_ARMED, EVENT_DISARMED, EVENT_LANDED, EVENT_AIRBORNE = 10, 11, 18, 28
 INSTANCE = ("Instance", "Inst", "I")  # what the number of a sensor is called, over the years
 
 
-def read_dataflash(path: Path) -> Samples:
-    """An ArduPilot log as flight columns. Raises InputError."""
-    found, damaged = _read(path, (*TYPES, "PARM"))
-    first, changes = _set(found.pop("PARM", []))
-    parameters = first | _before_arming(changes, found.get("EV", ()))
-    messages = {name: message for name, rows in found.items() if (message := _message(rows)) is not None}
+def read_dataflash(path: Path) -> list[Samples]:
+    """Every flight of an ArduPilot log as flight columns. Raises InputError."""
+    log = read_records(path, (*TYPES, "PARM"))
+    _refuse_timeless(path, log)
+    edges = [0, *_cuts(path, log), 2**62]
+    return each_stretch(str(path), list(pairwise(edges)), lambda part: _flight(path, _between(log, *part)))
+
+
+def _between(log: Records, first: int, last: int) -> Records:
+    """One stretch; of parameters all that was said by its end."""
+    parts = {name: kept.between(first * (name != "PARM"), last) for name, kept in log.kinds.items()}
+    now = {name: kept for name, kept in parts.items() if kept.messages}
+    if "PARM" in now and first:  # what was set before holds from the beginning
+        said = now["PARM"]
+        now["PARM"] = replace(said, time_s=np.where(said.at < first, -np.inf, said.time_s))
+    return Records(now, log.damaged)
+
+
+def _flight(path: Path, log: Records) -> Samples:
+    first, changes = _set(log.kinds.get("PARM"))
+    parameters = first | _before_arming(changes, log.kinds.get("EV"))
+    messages = {n: _message(kept) for n, kept in log.kinds.items() if n not in ("PARM", "MSG")}
+    if "MOUT" not in messages and (other := motorless(parameters)):
+        raise InputError(path, "", f"no output of this log drives a motor ({other}): not this vehicle")
     notes: list[str] = []
-    premises = [DAMAGED] * damaged
+    premises = [DAMAGED] * log.damaged
     outputs = ardupilot_map(parameters)
     motors = read_in_periods(
         periods(first, changes),
@@ -64,7 +79,7 @@ def read_dataflash(path: Path) -> Samples:
         notes,
         premises,
     )
-    estimate = _core(messages, "XKF1") or messages.get("NKF1")
+    estimate = _core(messages, "XKF1") or messages.get("NKF1") or messages.get("EKF1")
     attitude = longest(estimate, messages.get("ATT"))
     battery = _instance(messages.get("BAT"), INSTANCE) or messages.get("CURR")
     measured = [
@@ -78,7 +93,14 @@ def read_dataflash(path: Path) -> Samples:
         _switch(messages.get("EV"), "landed", EVENT_LANDED, EVENT_AIRBORNE),
     ]
     samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
-    return replace(samples, motors=tuple(o.motor for o in outputs), parameters=parameters)
+    said = log.kinds.get("MSG")
+    rows = () if said is None else zip(said.time_s.tolist(), said.messages, strict=True)
+    return replace(
+        samples,
+        motors=tuple(o.motor for o in outputs),
+        parameters=parameters,
+        texts=tuple((time, None, str(m.Message)) for time, m in rows),
+    )
 
 
 def dataflash_parameters(path: Path, *, whole: bool = False) -> dict[str, float]:
@@ -86,100 +108,53 @@ def dataflash_parameters(path: Path, *, whole: bool = False) -> dict[str, float]
 
     Raises InputError, with `whole` for a damaged log too.
     """
-    found, damaged = _read(path, (*TYPES, "PARM") if whole else ("PARM",))
-    if whole and damaged:
+    log = read_records(path, (*TYPES, "PARM") if whole else ("PARM",))
+    if whole and log.damaged:
         raise InputError(path, "", PREMISES[DAMAGED])
-    first, changes = _set(found.get("PARM", []))
+    first, changes = _set(log.kinds.get("PARM"))
     return first | {name: value for _, name, value in changes}
 
 
-def dataflash_texts(path: Path) -> list[tuple[float, str]]:
-    """(time_s, text) of what ArduPilot logged in words, in order. Raises InputError."""
-    found, _ = _read(path, ("MSG",))
-    return [(m.TimeUS / 1e6, str(m.Message)) for m in found.get("MSG", ())]
+def _cuts(path: Path, log: Records) -> list[int]:
+    """Where another stretch begins."""
+    streams = [Stream(kept.at, kept.time_s) for n in PACED if (kept := log.kinds.get(n)) and kept.stamped]
+    return cuts(str(path), streams, ONBOARD_S, log.begins)
 
 
-def is_binary(path: Path) -> bool:
-    """Whether the log is as it was written on board, not made a text of."""
-    with path.open("rb") as stream:
-        return stream.read(2) == HEAD
+def _refuse_timeless(path: Path, log: Records) -> None:
+    """Raises InputError for a log of before 3.2, whose motion has no time."""
+    timeless = [name for name in PACED if name in log.kinds and not log.kinds[name].stamped]
+    if timeless and not any(log.kinds[name].stamped for name in PACED if name in log.kinds):
+        problem = f"a log of ArduCopter before 3.2 ({', '.join(timeless)} have no time): not read"
+        raise InputError(path, "", problem)
 
 
-def _set(rows: Sequence[Any]) -> tuple[dict[str, float], list[Change]]:
+def _set(said: Kept | None) -> tuple[dict[str, float], list[Change]]:
     """Parameters as a log begins with them, and everything that it says was set."""
+    if said is None:
+        return {}, []
+    rows = [(t, m.Name, m.Value) for t, m in zip(said.time_s.tolist(), said.messages, strict=True)]
     first: dict[str, float] = {}
-    for m in rows:
-        first.setdefault(m.Name, m.Value)
-    return first, [(m.TimeUS / 1e6, m.Name, m.Value) for m in rows]
+    for time, name, value in rows:
+        if time == -np.inf:
+            first[name] = value
+        else:
+            first.setdefault(name, value)
+    return first, [row for row in rows if row[0] > -np.inf]
 
 
-def _before_arming(changes: Sequence[Change], events: Sequence[Any]) -> dict[str, float]:
+def _before_arming(changes: Sequence[Change], events: Kept | None) -> dict[str, float]:
     """What was set before it was first armed, or at any time where no event says when that was."""
-    armed = next((m.TimeUS / 1e6 for m in events if m.Id == EVENT_ARMED), None)
+    rows = [] if events is None else zip(events.time_s.tolist(), events.messages, strict=True)
+    armed = next((t for t, m in rows if m.Id == EVENT_ARMED), None)
     return {name: value for time, name, value in changes if armed is None or time <= armed}
 
 
-def _message(rows: list[Any]) -> Message | None:
-    """The numeric fields of all messages of one kind; None where they have no stamps."""
+def _message(kept: Kept) -> Message:
+    """The numeric fields of all messages of one kind."""
+    rows = kept.messages
     fields = [f for f in rows[0].get_fieldnames() if not isinstance(getattr(rows[0], f), (str, bytes))]
-    columns = {f: np.array([getattr(m, f) for m in rows], float) for f in fields}
-    return columns | {"time_s": columns["TimeUS"] / 1e6} if "TimeUS" in columns else None
-
-
-def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], bool]:
-    """Messages of these types by name, and whether some could not be read. Raises InputError."""
-    if not is_binary(path):
-        return read_text(path, types)
-    found: dict[str, list[Any]] = {}
-    kind = _reader_class()
-    reader = kind.__new__(kind)  # to close what a failing start opened
-    try:
-        with silenced():
-            reader.__init__(str(path), zero_time_base=True)
-            holes = _has_holes(reader)
-            for number, form in reader.formats.items():
-                if struct.calcsize(form.msg_struct) != form.len - 3:  # none can be read
-                    reader.counts[number] = 0
-            while (message := reader.recv_match(type=list(types))) is not None:
-                found.setdefault(message.get_type(), []).append(message)
-    except Exception as error:  # pymavlink raises bare Exception on a torn format message
-        raise InputError(path, "", f"not a readable DataFlash log ({one_line(error)})") from error
-    finally:
-        for name in ("data_map", "filehandle"):
-            with contextlib.suppress(AttributeError, BufferError):  # not opened; still looked at by an error
-                getattr(reader, name).close()
-    return found, holes or reader.lost > 0
-
-
-def _has_holes(reader: Any) -> bool:
-    """Whether bytes between messages belong to none, or more follow the last than a page of a card leaves."""
-    formats = reader.formats
-    ends = [int(at[-1]) + formats[n].len for n, at in enumerate(reader.offsets) if len(at) and n in formats]
-    read = sum(reader.counts[n] * form.len for n, form in formats.items())
-    return bool(read < max(ends, default=0) or reader.data_len - max(ends, default=0) >= TRAILING)
-
-
-@functools.cache
-def _reader_class() -> Any:
-    from pymavlink import DFReader  # here and below: pymavlink and pyulog for binary logs alone
-
-    class Reader(DFReader.DFReader_binary):
-        """pymavlink looks for the next message it can read from each that it cannot, to the log's end: with
-        a format that was damaged on the way that is the square of a log."""
-
-        _deep = lost = 0
-
-        def _parse_next(self) -> Any:
-            self.lost += self._deep > 0
-            if self.lost > MOST_LOST:
-                raise ValueError(f"more than {MOST_LOST} messages make no sense")
-            self._deep += 1
-            try:
-                return super()._parse_next()
-            finally:
-                self._deep -= 1
-
-    return Reader
+    return {f: np.array([getattr(m, f) for m in rows], float) for f in fields} | {"time_s": kept.time_s}
 
 
 def _instance(message: Message | None, keys: Sequence[str], wanted: float = 0) -> Message | None:
@@ -202,6 +177,7 @@ def _motors(
     notes: list[str],
     premises: list[str],
 ) -> TimeSeries | None:
+    tell_range(parameters, notes, premises)
     if "MOUT" in messages:  # by motors
         logged, where = messages["MOUT"], "MOUT"
         values = {n: logged[f"M{n}"] for n in range(1, 13) if f"M{n}" in logged}
@@ -224,8 +200,9 @@ def _channels(messages: Mapping[str, Message]) -> dict[int, Array]:
     for name in ("RCOU", "RCO2", "RCO3"):
         logged = messages.get(name, {})
         for n in range(1, ARDUPILOT_OUTPUTS + 1):
-            if f"C{n}" in logged:
-                found[n] = np.interp(time, logged["time_s"], logged[f"C{n}"])
+            for field in (f"C{n}", f"Ch{n}", f"Chan{n}"):  # by 2016, by 2014, before
+                if field in logged:
+                    found[n] = np.interp(time, logged["time_s"], logged[field])
     return found
 
 

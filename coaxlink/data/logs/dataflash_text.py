@@ -39,12 +39,16 @@ class TextMessage(SimpleNamespace):
         return list(vars(self))
 
 
-def read_text(path: Path, types: Sequence[str]) -> tuple[dict[str, list[TextMessage]], bool]:
-    """Messages of these types by name, and whether a line made no sense.
+def read_text(
+    path: Path, types: Sequence[str]
+) -> tuple[dict[str, list[tuple[int, TextMessage]]], list[int], bool]:
+    """(line, message) of these types by name, lines after the first that tell the format of formats (another
+    log was appended), and whether a line made no sense.
 
     A last line that was cut is no damage. Raises InputError.
     """
-    found: dict[str, list[TextMessage]] = {}
+    found: dict[str, list[tuple[int, TextMessage]]] = {}
+    begins: list[int] = []
     formats: dict[str, tuple[str, list[str]]] = {}
     odd: list[int] = []
     lines = _text(files.read_bytes(path, bounded.LOG)).splitlines()
@@ -54,13 +58,14 @@ def read_text(path: Path, types: Sequence[str]) -> tuple[dict[str, list[TextMess
             cells = [cell.strip() for cell in rest.split(",")]
             if len(cells) > 4:
                 formats[cells[2]] = cells[3], cells[4:]
+            begins += [number] * (cells[2:3] == ["FMT"])
         elif name in types:
             message = _message(rest, *formats[name]) if name in formats else None
             if message is None:
                 odd.append(number)
             else:
-                found.setdefault(name, []).append(message)
-    return found, any(number < len(lines) for number in odd)
+                found.setdefault(name, []).append((number, message))
+    return found, begins[1:], any(number < len(lines) for number in odd)
 
 
 def _message(text: str, letters: str, fields: list[str]) -> TextMessage | None:

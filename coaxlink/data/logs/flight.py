@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.logs.dataflash_text import is_dataflash_text
+from coaxlink.data.logs.marks import foreign
 from coaxlink.data.logs.streams import at_the_commands
 from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import Samples
@@ -32,6 +34,7 @@ OURS = re.compile(
 LEAST_SOUND = 0.2
 ABSURD = 1e9  # of any column of ours in any unit; damaged floats go far beyond
 SLOWEST_S = 1.0  # between two rows: slower tells nothing of a flight
+SYSTEM_IDS = ("MAV_SYS_ID", "SYSID_THISMAV", "MAV_SYSID")  # PX4, ArduPilot until 4.6 and after
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
 LOOKS = 8000  # bytes that tell a text's kind: a station's own lines may stand above the formats
 _PRINTOUT = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+: \w+ {")
@@ -44,8 +47,11 @@ _SUFFIXES = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog", ".live": "liv
 _DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError)
 
 
-def read_flight_log(path: Path) -> Samples:
-    """ULog, DataFlash, tlog, mix.live or CSV, by content, as the contract's flight columns on one time base.
+def read_flights(path: Path, system: int | None = None) -> list[Samples]:
+    """ULog, DataFlash, tlog, mix.live or CSV, by content, as the contract's flight columns: a table a flight.
+
+    A log is cut where its clock goes back or its board started again; each one's `provenance` says so. Of
+    several vehicles that of `system` is read, else the one that sent the most.
 
     Columns: time_s, motor1..N (0..1, after the thrust curve), accel_* (specific force, m/s^2), gyro_*,
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
@@ -57,22 +63,46 @@ def read_flight_log(path: Path) -> Samples:
         if kind == "ulog":
             from coaxlink.data.logs.ulog import read_ulog
 
-            return read_ulog(path)
-        if kind == "dataflash":
+            found = read_ulog(path)
+        elif kind == "dataflash":
             from coaxlink.data.logs.dataflash import read_dataflash
 
-            return read_dataflash(path)
-        if kind == "tlog":
+            found = read_dataflash(path)
+        elif kind == "tlog":
             from coaxlink.data.logs.tlog import read_tlog
 
-            return read_tlog(path)
-        if kind == "live":
+            return read_tlog(path, system)
+        elif kind == "live":
             from coaxlink.data.logs.live_record import read_live
 
-            return read_live(path)
+            return read_live(path, system)
+        else:
+            found = [read_flight_csv(path)]
     except _DAMAGE as error:  # formats describe their own fields: a damaged one promises what is not there
+        if kind == "text":
+            raise
         raise InputError(path, "", f"not a readable {_NAMES[kind]} log ({one_line(error)})") from error
-    return read_flight_csv(path)
+    refuse_other_system(path, system, found[0].parameters)
+    return found
+
+
+def read_flight_log(path: Path, system: int | None = None) -> Samples:
+    """The flight of a log that holds one, as `read_flights`. Raises InputError, also for several."""
+    found = read_flights(path, system)
+    if len(found) > 1:
+        problem = f"{len(found)} stretches, and one is expected: read_flights gives each"
+        raise InputError(path, "", problem)
+    return found[0]
+
+
+def refuse_other_system(path: Path, system: int | None, parameters: Mapping[str, float]) -> None:
+    """Raises InputError where a log of one vehicle is not of the one that was asked for."""
+    if system is None:
+        return
+    own = next((parameters[name] for name in SYSTEM_IDS if name in parameters), None)
+    if own != system:
+        found = "which does not say its number" if own is None else f"number {own:g}"
+        raise InputError(path, f"`system` {system}", f"this log is of one vehicle, {found}")
 
 
 def is_flight_log(path: Path) -> bool:
@@ -84,7 +114,10 @@ def is_flight_log(path: Path) -> bool:
 
 
 def log_kind(path: Path) -> str:
-    """ulog, dataflash, tlog, live or text, by its first bytes. Raises InputError."""
+    """ulog, dataflash, tlog, live or text, by its first bytes.
+
+    Raises InputError, for another program's file by its name.
+    """
     with files.reading(path):
         bounded.check_regular(path)
         with path.open("rb") as stream:
@@ -100,6 +133,8 @@ def log_kind(path: Path) -> str:
     # the stamp, us since 1970, begins with a zero byte for 2000 years to come; no text does
     if len(head) > 9 and head[8] in _MAVLINK and head[0] == 0:
         return "tlog"
+    if other := foreign(head, path.stat().st_size):
+        raise InputError(path, "", other)
     promised = _SUFFIXES.get(path.suffix.lower())
     if promised:
         found = "an empty file" if not head else "something else"

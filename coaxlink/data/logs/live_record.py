@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.logs.streams import TimeSeries
+from coaxlink.data.logs.stretches import LATE_S, Stream, cuts
 from coaxlink.data.logs.tlog import read_tlog
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
@@ -48,7 +50,7 @@ def read_record(path: Path) -> tuple[dict[str, Any], NDArray[Any]]:
     return about, np.frombuffer(body[:length], TYPE)
 
 
-def read_live(path: Path) -> Samples:
+def read_live(path: Path, system: int | None = None) -> list[Samples]:
     """The commands of a mix.live, and all else of the tlog of the same name beside it. Raises InputError."""
     about, rows = read_record(path)
     beside = path.with_suffix(".tlog")
@@ -59,7 +61,14 @@ def read_live(path: Path) -> Samples:
     if not isinstance(count, int) or not 2 <= count <= rows["commands"].shape[1]:
         raise InputError(path, "line 2, rotors", f"2 to {rows['commands'].shape[1]} are expected")
     commands = {f"motor{n + 1}": rows["commands"][:, n].astype(float) for n in range(count)}
-    motors = TimeSeries.of(rows["stamp_us"] * 1e-6, commands)
-    if motors is None:
+    stamps = rows["stamp_us"] * 1e-6
+    edges = [0, *cuts(str(path), [Stream(np.arange(len(stamps)), stamps)], LATE_S), len(stamps)]
+    pieces = [
+        TimeSeries.of(stamps[a:b], {name: column[a:b] for name, column in commands.items()})
+        for a, b in pairwise(edges)
+    ]
+    motors = [piece for piece in pieces if piece is not None]
+    if not motors:
         raise InputError(path, "", "fewer than two demands were answered")
-    return replace(read_tlog(beside, motors), source=str(path))
+    found = read_tlog(beside, system, motors)
+    return [replace(one, source=one.source.replace(str(beside), str(path), 1)) for one in found]

@@ -47,6 +47,10 @@ class Rows:
         """Whether messages of this kind hold it."""
         return field in (self.fields.dtype.names or ())
 
+    def rows(self, index: NDArray[np.int64]) -> Rows:
+        """Those of an index array."""
+        return Rows(self.at[index], self.fields[index])
+
     def between(self, first: int, last: int) -> Rows:
         """Those of the frames `first` to `last`."""
         rows = slice(*np.searchsorted(self.at, [first, last + 1]))
@@ -60,6 +64,7 @@ class Heard:
     rows: dict[Sender, dict[str, Rows]]  # senders in the order in which they are first heard
     garbled: int  # frames of these kinds whose checksum is wrong
     left: int  # bytes that are in no frame
+    clock_us: NDArray[np.int64]  # (frames,) the recorder's clock of every frame of the file
 
 
 @dataclass(frozen=True)
@@ -86,8 +91,10 @@ def heard(path: Path, names: Collection[str]) -> Heard:
     kinds = _kinds(names)
     senders: dict[Sender, None] = {}
     garbled, left = 0, len(data)
+    clock: list[bytes] = []
     for at, (start, end) in enumerate(_frames(data, path)):
         left -= STAMP + end - start
+        clock.append(data[start - STAMP : start])
         if data[start] == V2:
             head, who = start + 10, start + 5
             number = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
@@ -112,7 +119,7 @@ def heard(path: Path, names: Collection[str]) -> Heard:
         for sender, (numbers, payloads) in kind.found.items():
             fields = np.frombuffer(b"".join(payloads), kind.layout)
             rows[sender][kind.name] = Rows(np.array(numbers), fields)
-    return Heard(rows, garbled, left)
+    return Heard(rows, garbled, left, np.frombuffer(b"".join(clock), ">i8").astype(np.int64))
 
 
 def _frames(data: bytes, path: Path) -> Iterator[tuple[int, int]]:
@@ -144,6 +151,11 @@ def _frame_size(data: bytes, at: int) -> int:
     if data[at] == V2 and at + 3 <= len(data):
         return 12 + data[at + 1] + (SIGNATURE if data[at + 2] & SIGNED else 0)
     return 8 + data[at + 1] if data[at] == V1 and at + 2 <= len(data) else 0
+
+
+def message_numbers(names: Collection[str]) -> frozenset[int]:
+    """Of these messages."""
+    return frozenset(_kinds(names))
 
 
 def _kinds(names: Collection[str]) -> dict[int, _Kind]:

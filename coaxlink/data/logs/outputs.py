@@ -14,7 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.samples import OUTPUTS_AS_MOTORS
+from coaxlink.data.samples import OUTPUTS_AS_MOTORS, RANGE
+from firmware_params.ardupilot.parameters import SURFACES
+from firmware_params.ardupilot.parameters import motor_range as ardupilot_range
 
 Array = NDArray[np.float64]
 Values = Mapping[int, Array]  # (n,) of each channel, as it was logged
@@ -68,10 +70,38 @@ def _ardupilot_range(parameters: Parameters, channel: int) -> tuple[float, float
     kind = parameters.get("MOT_PWM_TYPE", 0)
     if kind in ARDUPILOT_DIGITAL:  # logged as pulses all the same
         return PULSE_US
-    names = ("MOT_PWM_MIN", "MOT_PWM_MAX")
     if kind == ARDUPILOT_SCALED:
         names = (f"SERVO{channel}_MIN", f"SERVO{channel}_MAX")
-    return _range([parameters.get(name) or default for name, default in zip(names, PULSE_US, strict=True)])
+        return _range([parameters.get(n) or usual for n, usual in zip(names, PULSE_US, strict=True)])
+    return ardupilot_range(parameters) or PULSE_US
+
+
+def tell_range(parameters: Parameters, notes: list[str], premises: list[str]) -> None:
+    """Say whence the pulses are between which an ArduPilot's motors run, where MOT_PWM_* do not hold them."""
+    if parameters.get("MOT_PWM_TYPE", 0) in (*ARDUPILOT_DIGITAL, ARDUPILOT_SCALED):
+        return
+    found = ardupilot_range(parameters)
+    if found is None:
+        premises += [RANGE] * bool(parameters)
+    elif not (parameters.get("MOT_PWM_MIN") and parameters.get("MOT_PWM_MAX")):
+        low, high = found
+        span = f"{low:g} to {high:g} us"
+        notes.append(f"MOT_PWM_MIN or _MAX is 0 or not there: motors run as the radio's throttle, {span}")
+
+
+def motorless(parameters: Parameters) -> str:
+    """What an ArduPilot's outputs drive where none drives a motor; "" where one does, or nobody says.
+
+    >>> motorless({"SERVO1_FUNCTION": 4.0, "SERVO3_FUNCTION": 70.0})
+    'SERVO1_FUNCTION 4 (aileron), SERVO3_FUNCTION 70 (throttle)'
+    """
+    said = {
+        n: f for n in range(1, ARDUPILOT_OUTPUTS + 1) if (f := int(parameters.get(f"SERVO{n}_FUNCTION", 0)))
+    }
+    if not said or ardupilot_map(parameters):
+        return ""
+    named = [f"SERVO{n}_FUNCTION {f}{f' ({SURFACES[f]})' * (f in SURFACES)}" for n, f in said.items()]
+    return ", ".join(named[:4])
 
 
 def px4_maps(parameters: Parameters) -> list[Map]:

@@ -7,23 +7,26 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.data.logs.mavlink_frames import LONGEST_FRAME, Rows, heard
+from coaxlink.data.logs.mavlink_frames import LONGEST_FRAME, Heard, Rows, Sender, heard, message_numbers
 from coaxlink.data.logs.outputs import (
     Map,
     ardupilot_map,
     as_motors,
     commands,
+    motorless,
     motors_of_escs,
     px4_maps,
     px4_outputs,
+    tell_range,
 )
 from coaxlink.data.logs.streams import (
     Array,
@@ -37,6 +40,7 @@ from coaxlink.data.logs.streams import (
     rows_of,
     series,
 )
+from coaxlink.data.logs.stretches import LATE_S, UNHEARD_S, Stream, cuts, each_stretch
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 
@@ -48,7 +52,10 @@ NAMES = (
     "ESC_INFO", *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
 )  # fmt: skip
 WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
-REBOOT_S = 5.0  # a clock that goes back by more than this was restarted
+CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU")  # one at a time
+QUIET = ("HEARTBEAT", "PARAM_VALUE")  # sent on the ground too
+FLIGHT_MESSAGES = "messages of a flight"
+LAST_SYSTEM = 255  # MAVLink
 ARMED_FLAG, ARDUPILOT = 128, 3
 ON_GROUND = 1
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
@@ -56,18 +63,39 @@ NO_CELL_MV = 65535
 INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
 
 
-def read_tlog(path: Path, motors: TimeSeries | None = None) -> Samples:
-    """A recorded link as flight columns, with other commands where `motors` has them. Raises InputError."""
-    messages, parameters, garbled, damaged = _messages(path)
+def read_tlog(
+    path: Path, system: int | None = None, motors: Sequence[TimeSeries] | None = None
+) -> list[Samples]:
+    """Every flight of a recorded link as flight columns, with other commands where `motors` has them.
+
+    Of several vehicles that of `system`, else the one that sent the most. Raises InputError.
+    """
+    link = _link(path, system)
+    if motors is not None and len(motors) != len(link.boots):
+        problem = (
+            f"{len(link.boots)} stretches, its commands beside it have {len(motors)}: one of both is cut"
+        )
+        raise InputError(path, "", problem)
+
+    def read(number: int) -> Samples:
+        return _flight(path, link, number, None if motors is None else motors[number])
+
+    found = each_stretch(str(path), range(len(link.boots)), read)
+    return [replace(one, provenance=(*link.provenance, *one.provenance)) for one in found]
+
+
+def _flight(path: Path, link: _Link, number: int, motors: TimeSeries | None) -> Samples:
+    boot = link.boots[number]
+    messages, parameters = boot.messages, boot.parameters
     shown = ", ".join(f"{name} {len(messages[name]['time_s'])}" for name in NAMES if name in messages)
     notes = [f"tlog: {shown}"]
-    if garbled:
-        notes.append(f"{garbled} frames left out: garbled on their way")
-    premises = [DAMAGED] * damaged
+    if link.garbled:
+        notes.append(f"{link.garbled} frames left out: garbled on their way")
+    premises = [DAMAGED] * link.damaged
     maps = (
         ([m] if (m := ardupilot_map(parameters)) else []) if _is_ardupilot(messages) else px4_maps(parameters)
     )
-    motors = motors or _motors(messages, parameters, notes, premises)
+    motors = motors or _motors(path, messages, parameters, notes, premises)
     measured = [
         _imu(messages),
         _attitude(messages),
@@ -83,42 +111,119 @@ def read_tlog(path: Path, motors: TimeSeries | None = None) -> Samples:
     return replace(samples, motors=known, parameters=parameters)
 
 
-def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int, bool]:
-    """Of the autopilot that sends the most: messages by name, in s since boot, the last value of each
-    parameter; how many frames were garbled, and whether the file is damaged (a torn last frame is none)."""
+@dataclass(frozen=True)
+class _Boot:
+    """What an autopilot sent from one start to the next."""
+
+    messages: Mapping[str, Message]  # in s since that start
+    parameters: Mapping[str, float]  # the last value of each by its end, else the first that was heard later
+
+
+@dataclass(frozen=True)
+class _Link:
+    """What one autopilot sent."""
+
+    boots: list[_Boot]
+    provenance: tuple[str, ...]  # of the other vehicles
+    garbled: int
+    damaged: bool  # a torn last frame is none
+
+
+def _link(path: Path, system: int | None) -> _Link:
+    """Of the autopilot of `system`, else of the one that sends the most of a flight."""
     found = heard(path, NAMES)
     if not found.rows:
         raise InputError(path, "", "no telemetry of an autopilot in this tlog")
-    quiet = ("HEARTBEAT", "PARAM_VALUE")
     motion = {
-        who: sum(len(rows.at) for name, rows in kinds.items() if name not in quiet)
+        who: sum(len(rows.at) for name, rows in kinds.items() if name not in QUIET)
         for who, kinds in found.rows.items()
     }
-    sent = found.rows[max(motion, key=motion.__getitem__)]
+    sender, provenance = chosen(path, motion, system, FLIGHT_MESSAGES)
+    sent = found.rows[sender]
     reported = sent.pop("PARAM_VALUE", None)
-    messages = _stamped(_longest_boot(sent))
-    values = {} if reported is None else _parameters(reported, bytewise=not _is_ardupilot(messages))
-    return messages, values, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME
+    if not sent:
+        raise InputError(path, "", f"system {sender[0]} sent parameters alone: no flight in this tlog")
+    bytewise = not ("HEARTBEAT" in sent and bool((sent["HEARTBEAT"].fields["autopilot"] == ARDUPILOT).any()))
+    boots = []
+    edges = [0, *cuts(str(path), _streams(sent, found), LATE_S), 2**62]
+    for first, last in pairwise(edges):
+        said = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
+        values: dict[str, float] = {}
+        if reported is not None:
+            later = _parameters(reported.between(last, 2**62), bytewise=bytewise, first=True)
+            values = later | _parameters(reported.between(0, last - 1), bytewise=bytewise)
+        if said:
+            boots.append(_Boot(_stamped(said), values))
+    return _Link(boots, provenance, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME)
 
 
-def tlog_parameters(path: Path) -> dict[str, float]:
-    """The last value of each parameter that the autopilot sent: a ground station asks for all of them.
+def flight_numbers() -> frozenset[int]:
+    """Of the messages by which the vehicle to read is chosen."""
+    return message_numbers([name for name in NAMES if name not in QUIET])
 
-    Of several senders the one that sent the most. Raises InputError where there is none.
+
+def _streams(sent: Mapping[str, Rows], found: Heard) -> Iterator[Stream]:
+    """The board's clock in messages that it sends one at a time; what came over two links counts once."""
+    for name in CLOCKS:
+        if name in sent:
+            fields, heard_s = sent[name].fields, found.clock_us[sent[name].at] / 1e6
+            _, first, which = np.unique(
+                fields.view(f"V{fields.itemsize}"), return_index=True, return_inverse=True
+            )
+            again = (np.arange(len(fields)) != first[which]) & (heard_s - heard_s[first[which]] < UNHEARD_S)
+            rows = sent[name].rows(np.flatnonzero(~again))
+            stamp, since_1970 = _stamps(name, rows)
+            yield Stream(rows.at, np.where(since_1970, np.nan, stamp), heard_s[~again])
+
+
+def chosen(
+    path: Path, sent: Mapping[Sender, int], system: int | None, what: str
+) -> tuple[Sender, tuple[str, ...]]:
+    """Whom to read, and what must be said of the others; `sent` is how much each sent. Raises InputError.
+
+    >>> chosen(Path("f.tlog"), {(1, 1): 900, (2, 1): 40}, 2, "messages")[0]
+    (2, 1)
+    """
+    if system is not None and not 1 <= system <= LAST_SYSTEM:
+        raise InputError("`system`", "", f"a system id from 1 to {LAST_SYSTEM} is expected, found {system}")
+    best: dict[int, Sender] = {}  # of each system the component that sent the most, of equals the first
+    for who, count in sent.items():
+        if count > (sent[best[who[0]]] if who[0] in best else 0):
+            best[who[0]] = who
+    listed = " and ".join(f"{one} ({sent[who]} {what})" for one, who in best.items())
+    if system is not None:
+        if system not in best:
+            raise InputError(path, f"`system` {system}", f"is not in this tlog: found {listed or 'none'}")
+        return best[system], (f"{path}: of systems {listed}, {system} is read",) if len(best) > 1 else ()
+    if not best:
+        return next(iter(sent)), ()
+    first = max(best, key=lambda one: sent[best[one]])
+    if len(best) == 1:
+        return best[first], ()
+    words = f"{path}: systems {listed}: {first} is read, which sent the most; `system` takes another"
+    return best[first], (words,)
+
+
+def tlog_parameters(path: Path, system: int | None = None) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The last value of each parameter that an autopilot sent (a ground station asks for all of them), and
+    what must be said of others.
+
+    Of several senders that of `system`, else the one that sent the most. Raises InputError for none.
     """
     kinds = heard(path, ("HEARTBEAT", "PARAM_VALUE")).rows
     reported = {who: rows["PARAM_VALUE"] for who, rows in kinds.items() if "PARAM_VALUE" in rows}
     if not reported:
         problem = "no parameters (PARAM_VALUE) in this tlog: record one while a ground station loads them"
         raise InputError(path, "", problem)
-    # of equals the one that began
-    sender = min(reported, key=lambda who: (-len(set(_names(reported[who]))), reported[who].at[0]))
+    in_order = sorted(reported, key=lambda who: int(reported[who].at[0]))
+    counts = {who: len(set(_names(reported[who]))) for who in in_order}
+    sender, provenance = chosen(path, counts, system, "parameters")
     rows, beats = reported[sender], kinds[sender].get("HEARTBEAT")
     if beats is not None:
         plain = int(beats.fields["autopilot"][-1]) == ARDUPILOT
     else:
         plain = "FRAME_CLASS" in _names(rows)
-    return _parameters(rows, bytewise=not plain)
+    return _parameters(rows, bytewise=not plain), provenance
 
 
 def _is_ardupilot(messages: Mapping[str, Message]) -> bool:
@@ -131,36 +236,19 @@ def _names(reported: Rows) -> list[str]:
     return [name.split(b"\0", 1)[0].decode("ascii", errors="replace") for name in ids]
 
 
-def _parameters(reported: Rows, *, bytewise: bool) -> dict[str, float]:
-    """The last value of each. PX4 sends an integer's bytes in the place of the float (`bytewise`), ArduPilot
-    every value as a float."""
+def _parameters(reported: Rows, *, bytewise: bool, first: bool = False) -> dict[str, float]:
+    """The last value of each, or the first. PX4 sends an integer's bytes in the place of the float
+    (`bytewise`), ArduPilot every value as a float."""
     fields = reported.fields
     values = {}
     for name, kind, value in zip(
         _names(reported), fields["param_type"].tolist(), fields["param_value"], strict=True
     ):
         form = INTEGERS.get(kind) if bytewise else None
+        if first and name in values:
+            continue
         values[name] = float(value if form is None else struct.unpack_from(form, value.tobytes())[0])
     return values
-
-
-def _longest_boot(sent: Mapping[str, Rows]) -> dict[str, Rows]:
-    """The messages of the boot that says the most: after a restart the stamps begin anew."""
-    stamped = [
-        (rows.at, rows.fields["time_boot_ms"] / 1e3) for rows in sent.values() if rows.has("time_boot_ms")
-    ]
-    if not stamped:
-        return dict(sent)
-    at, clock = (np.concatenate(each) for each in zip(*stamped, strict=True))
-    order = np.argsort(at)
-    at, clock = at[order], clock[order]
-    everything = np.sort(np.concatenate([rows.at for rows in sent.values()]))
-    restarts = np.searchsorted(everything, at[1:][clock[1:] < clock[:-1] - REBOOT_S])
-    edges = np.array([0, *restarts, len(everything)])
-    most = int(np.argmax(np.diff(edges)))
-    boot = everything[edges[most] : edges[most + 1]]
-    said = {name: rows.between(boot[0], boot[-1]) for name, rows in sent.items()}
-    return {name: rows for name, rows in said.items() if len(rows.at)}
 
 
 def _stamped(sent: Mapping[str, Rows]) -> dict[str, Message]:
@@ -207,7 +295,11 @@ def _stamps(name: str, rows: Rows) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _motors(
-    messages: Mapping[str, Message], parameters: Mapping[str, float], notes: list[str], premises: list[str]
+    path: Path,
+    messages: Mapping[str, Message],
+    parameters: Mapping[str, float],
+    notes: list[str],
+    premises: list[str],
 ) -> TimeSeries | None:
     status, servo = messages.get("ACTUATOR_OUTPUT_STATUS"), messages.get("SERVO_OUTPUT_RAW")
     logged = longest(status, servo)
@@ -225,7 +317,10 @@ def _motors(
         time = ports[0]["time_s"]
         for rows, more in zip(ports[1:], values[1:], strict=True):
             values[0] |= {16 + n: np.interp(time, rows["time_s"], column) for n, column in more.items()}
+        if other := motorless(parameters):
+            raise InputError(path, "", f"no output of this vehicle drives a motor ({other})")
         outputs = ardupilot_map(parameters)
+        tell_range(parameters, notes, premises)
         known, found = bool(outputs), [(outputs or as_motors(values[0], parameters, "SERVO"), 0)]
     else:
         found, known = px4_outputs(values, parameters)

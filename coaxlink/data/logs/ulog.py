@@ -30,6 +30,8 @@ from coaxlink.data.logs.outputs import (
     px4_outputs,
 )
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, possible, series
+from coaxlink.data.logs.stretches import each_stretch
+from coaxlink.data.logs.ulog_chain import Chain, chain
 from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, PREMISES, Samples
 from coaxlink.errors import InputError
@@ -42,13 +44,16 @@ TOPICS = [
 ]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED, DOWNWARD = 2, 25  # of arming_state; ROTATION_DOWNWARD_FACING
-HEADER, KINDS, FLAGS, DATA = 16, frozenset(b"BFIMPQARDLCSO"), ord("B"), ord("D")  # of the file format
 VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
 
 
-def read_ulog(path: Path) -> Samples:
-    """A PX4 log as flight columns. Raises InputError."""
-    log = _open(path)
+def read_ulog(path: Path) -> list[Samples]:
+    """Every flight of a PX4 log as flight columns. Raises InputError."""
+    found = _chain(path)
+    return each_stretch(str(path), found.parts, lambda part: _flight(path, _open(path, part), found.torn))
+
+
+def _flight(path: Path, log: Any, torn: bool) -> Samples:
     instances: dict[str, list[Message]] = {}
     for topic in sorted(log.data_list, key=lambda d: d.multi_id):
         instances.setdefault(topic.name, []).append(_message(topic.name, topic.data))
@@ -56,7 +61,7 @@ def read_ulog(path: Path) -> Samples:
     outputs, escs = (instances.get(name, []) for name in ("actuator_outputs", "esc_status"))
     notes: list[str] = []
     parameters = _parameters(log)
-    premises = [DAMAGED] * _is_damaged(log, path)
+    premises = [DAMAGED] * _is_damaged(log, torn)
     maps = px4_maps(parameters)
     motors = read_in_periods(
         periods(_numbers(log.initial_parameters), _changes(log)),
@@ -81,23 +86,25 @@ def read_ulog(path: Path) -> Samples:
         *_rpm(escs, maps, notes, premises),
     ]
     samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
+    said = ((m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages)
     return replace(
-        samples, motors=_motors_of(motors, maps, "actuator_motors" in topics), parameters=parameters
+        samples,
+        motors=_motors_of(motors, maps, "actuator_motors" in topics),
+        parameters=parameters,
+        texts=tuple(sorted(said, key=lambda row: row[0])),
     )
 
 
 def ulog_parameters(path: Path, *, whole: bool = False) -> dict[str, float | int]:
-    """The parameters a PX4 log begins with. Raises InputError, with `whole` for a damaged log too."""
-    log = _open(path)
-    if whole and _is_damaged(log, path):
+    """The parameters a PX4 log begins with, of several logs in one file those of the last.
+
+    Raises InputError, with `whole` for a damaged log too.
+    """
+    found = _chain(path)
+    log = _open(path, found.parts[-1])
+    if whole and _is_damaged(log, found.torn):
         raise InputError(path, "", PREMISES[DAMAGED])
     return _numbers(log.initial_parameters)
-
-
-def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
-    """(time_s, severity 0..7, text) of what PX4 logged in words, in order. Raises InputError."""
-    found = [(m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in _open(path).logged_messages]
-    return sorted(found, key=lambda row: row[0])
 
 
 def _parameters(log: Any) -> dict[str, float]:
@@ -148,40 +155,24 @@ def _chosen(name: str, instances: list[Message]) -> Message:
     return instances[0]
 
 
-def _open(path: Path) -> Any:
+def _chain(path: Path) -> Chain:
+    return chain(path, files.read_bytes(path, bounded.LOG))
+
+
+def _open(path: Path, part: bytes) -> Any:
     from pyulog import ULog
 
     try:
-        with path.open("rb", buffering=0) as raw, _Onward(raw) as stream, silenced():
+        with _Onward(io.BytesIO(part)) as stream, silenced():
             log = ULog(stream, TOPICS, disable_str_exceptions=True)
     except Exception as error:  # pyulog lets whatever a damaged file causes through
         raise InputError(path, "", f"not a readable ULog file ({one_line(error)})") from error
     return log
 
 
-def _is_damaged(log: Any, path: Path) -> bool:
+def _is_damaged(log: Any, torn: bool) -> bool:
     spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
-    return spoiled or bool(log.file_corruption) or _is_torn_inside(path)
-
-
-def _is_torn_inside(path: Path) -> bool:
-    """Whether the chain of messages breaks before the file's end: pyulog passes over some of what it cannot
-    read without a word. A last message that the end of the file cuts is none of it."""
-    data = files.read_bytes(path, bounded.LOG)
-    sizes: dict[bytes, int] = {}  # of a topic's messages: always the same
-    at = HEADER
-    while at + 5 <= len(data):
-        size, kind = int.from_bytes(data[at : at + 2], "little"), data[at + 2]
-        if kind not in KINDS:
-            return True
-        if kind == FLAGS and size >= 40 and any(data[at + 19 : at + 43]):
-            return False  # data were appended after a crash: the chain may break there
-        if kind == DATA:
-            topic = data[at + 3 : at + 5]
-            if sizes.setdefault(topic, size) != size:
-                return True
-        at += 3 + size
-    return False
+    return torn or spoiled or bool(log.file_corruption)
 
 
 class _Onward(io.BufferedReader):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from inspect import isfunction
 from pathlib import Path
@@ -32,7 +32,8 @@ def function() -> Any:
         if isfunction(part) and part.__module__ == solver.__name__:
             register_jitable(**OPTIONS)(part)  # it may call it
     with kept_code() as keep:
-        return numba.njit(solver.optimum, cache=keep, **OPTIONS)
+        made = numba.njit(solver.optimum, cache=keep, **OPTIONS)
+        return one_at_a_time(made, Path(numba.config.CACHE_DIR)) if keep else made
 
 
 @contextmanager
@@ -51,6 +52,27 @@ def kept_code() -> Iterator[bool]:
         yield not files.keep_private(folder)
     finally:
         config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = before
+
+
+def one_at_a_time(function: Any, folder: Path) -> Any:
+    """Of processes that start together one compiles; the others wait, and load what it wrote."""
+    import portalocker
+    from numba.core.compiler_lock import global_compiler_lock
+
+    compiled = function.compile
+
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock, ExitStack() as stack:
+            with suppress(
+                OSError, portalocker.LockException
+            ):  # where none can be had, each compiles for itself
+                portalocker.lock(
+                    stack.enter_context((folder / "lock").open("w")), portalocker.LockFlags.EXCLUSIVE
+                )
+            return compiled(signature)
+
+    function.compile = compile_alone
+    return function
 
 
 def source_digest(folder: Path = Path(__file__).parent) -> str:

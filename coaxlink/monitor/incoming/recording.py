@@ -18,8 +18,9 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.ardupilot.messages  # noqa: F401 - teaches the dialect ESC_TELEMETRY_*
-from coaxlink.data.logs.flight import MOTOR, log_kind, read_flight_log
+from coaxlink.data.logs.flight import MOTOR, log_kind, read_flights
 from coaxlink.data.logs.mavlink_frames import stamped_frames
+from coaxlink.data.logs.tlog import FLIGHT_MESSAGES, chosen, flight_numbers
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS
@@ -34,6 +35,7 @@ WARM_S = 10.0  # what is played before the place that is sought: rarer messages 
 MOST_AHEAD_S = 60.0  # a step of more than this is a leap
 SLOWEST, FASTEST = 1 / 64, 1024.0
 _TEXT = 253  # STATUSTEXT
+UNSAID = 6  # severity of texts whose log has none
 _KEPT = {22, _TEXT}  # PARAM_VALUE too: sent once, and still true later
 _STAMPED = {30, 32, 33}  # ATTITUDE and positions, which carry the time since boot
 
@@ -47,9 +49,7 @@ class Recording(Protocol):
     target: tuple[int, int]
     parameters: Mapping[str, float]  # known before the first message
 
-    @property
-    def samples(self) -> Samples | None:
-        """The same as columns, where they can be had."""
+    flights: Sequence[Samples]  # the same as columns, where they can be had
 
     def before(self, to_s: float) -> Iterator[tuple[float, Any]]:
         """(s from the start, message) of parameters and texts in [0, to_s), which last."""
@@ -130,14 +130,13 @@ def _beyond(time_s: float) -> float:
 
 
 class Tlog:
-    """A tlog, frame by frame."""
+    """A tlog, frame by frame: of several vehicles all are there, and one is shown."""
 
     parameters: Mapping[str, float] = {}
-    notes: tuple[str, ...] = ()
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, system: int | None = None) -> None:
         """Raises InputError."""
-        self.name, self._path = path.name, path
+        self.name = path.name
         self._times: list[float] = []
         self._frames: list[bytes] = []
         now, last = 0.0, None
@@ -151,20 +150,22 @@ class Tlog:
             raise InputError(path, "", "no MAVLink frame in this tlog")
         self.length_s = self._times[-1]
         senders = [_autopilot(frame) for frame in self._frames]
-        target = next((who for who in senders if who), None)
-        if target is None:
+        flying = flight_numbers()
+        sent = dict.fromkeys((who for who in senders if who), 0)
+        for frame in self._frames:
+            if _number(frame) in flying and (who := _header(frame)[1:]) in sent:
+                sent[who] += 1
+        if not sent:
             raise InputError(path, "", "no heartbeat of an autopilot in this tlog")
-        self.target = target
+        self.target, self.notes = chosen(path, sent, system, FLIGHT_MESSAGES)
+        try:
+            self.flights: Sequence[Samples] = read_flights(path, self.target[0])
+            self.notes += tuple(words for words in self.flights[0].provenance if words not in self.notes)
+        except InputError:  # shown all the same
+            self.flights = ()
+        target = self.target
         self._beats = [k for k, who in enumerate(senders) if who == target]
         self._lasting = self._lasting_frames()
-
-    @property
-    def samples(self) -> Samples | None:
-        """As `Recording.samples`."""
-        try:
-            return read_flight_log(self._path)
-        except InputError:  # shown all the same
-            return None
 
     def _lasting_frames(self) -> list[int]:
         """Where parameters and texts are, and before each text what tells its time on the vehicle."""
@@ -204,29 +205,32 @@ class Tlog:
 
 
 class SampleLog:
-    """A log of samples (ULog, DataFlash); `texts` are (time_s of the log, severity, words)."""
+    """A log of samples (ULog, DataFlash): its flights one after another, each on a clock of its own."""
 
     target = (1, 1)
 
-    def __init__(
-        self,
-        name: str,
-        samples: Samples,
-        autopilot: int,
-        parameters: Mapping[str, float],
-        texts: Sequence[tuple[float, int, str]] = (),
-    ) -> None:
-        self.name, self.samples, self._autopilot, self.parameters = name, samples, autopilot, parameters
-        time = samples["time_s"]
-        start = float(time[0])
-        self.length_s = float(time[-1]) - start
-        step = max(round(len(time) / max(self.length_s * RATE_HZ, 1.0)), 1)
-        self._rows = np.arange(0, len(time), step)
-        self._times = (time[self._rows] - start).tolist()
-        self._texts = [(max(at - start, 0.0), severity, text) for at, severity, text in texts]
-        self._motors = sum(MOTOR.fullmatch(name) is not None for name in samples.columns)
-        self._rpm = max((int(n[3:]) for n in samples.columns if n.startswith("rpm")), default=0)
-        self.notes = ("a log of samples: link, mode and current are not in it", *samples.notes)
+    def __init__(self, name: str, flights: Sequence[Samples], autopilot: int) -> None:
+        self.name, self.flights, self._autopilot = name, flights, autopilot
+        self.parameters = flights[0].parameters
+        self.length_s = 0.0
+        self._times: list[float] = []
+        self._rows: list[tuple[Samples, int]] = []
+        self._texts: list[tuple[float, int, str]] = []
+        for samples in flights:
+            time = samples["time_s"]
+            start, lasts = float(time[0]), float(time[-1] - time[0])
+            step = max(round(len(time) / max(lasts * RATE_HZ, 1.0)), 1)
+            rows = np.arange(0, len(time), step)
+            self._rows += [(samples, int(row)) for row in rows]
+            self._times += (time[rows] - start + self.length_s).tolist()
+            self._texts += [
+                (max(at - start, 0.0) + self.length_s, UNSAID if severity is None else severity, text)
+                for at, severity, text in samples.texts
+                if at <= time[-1]
+            ]
+            self.length_s += lasts
+        self.notes = ("a log of samples: link, mode and current are not in it", *flights[0].provenance)
+        self.notes += tuple(dict.fromkeys(note for samples in flights for note in samples.notes))
 
     def before(self, to_s: float) -> Iterator[tuple[float, Any]]:
         """As `Recording.before`."""
@@ -235,7 +239,7 @@ class SampleLog:
     def between(self, from_s: float, to_s: float) -> Iterator[tuple[float, Any]]:
         """As `Recording.between`."""
         for k in range(bisect_left(self._times, from_s), bisect_left(self._times, to_s)):
-            for message in self._messages(int(self._rows[k])):
+            for message in self._messages(*self._rows[k]):
                 yield self._times[k], _sent(message)
         yield from self._said(from_s, to_s)
 
@@ -244,66 +248,54 @@ class SampleLog:
             if from_s <= at < to_s:
                 yield at, _sent(mavlink.MAVLink_statustext_message(severity, text.encode()))
 
-    def _value(self, name: str, row: int, default: float = math.nan) -> float:
-        column = self.samples.columns.get(name)
-        return default if column is None else float(column[row])
+    def _messages(self, samples: Samples, row: int) -> Iterator[Any]:
+        def value(name: str, default: float = math.nan) -> float:
+            column = samples.columns.get(name)
+            return default if column is None else float(column[row])
 
-    def _messages(self, row: int) -> Iterator[Any]:
-        boot_ms = round(1e3 * float(self.samples["time_s"][row])) & 0xFFFFFFFF
-        armed = 128 if self._value("armed", row, 1.0) > 0.5 else 0
+        boot_ms = round(1e3 * float(samples["time_s"][row])) & 0xFFFFFFFF
+        armed = 128 if value("armed", 1.0) > 0.5 else 0
         yield mavlink.MAVLink_heartbeat_message(2, self._autopilot, armed, NO_MODE, 4, 3)
         boot_us = 1000 * boot_ms
-        roll, pitch, yaw = (self._value(f"{a}_rad", row) for a in ("roll", "pitch", "yaw"))
-        rates = [self._value(f"gyro_{a}_rad_s", row) for a in "xyz"]
+        roll, pitch, yaw = (value(f"{a}_rad") for a in ("roll", "pitch", "yaw"))
+        rates = [value(f"gyro_{a}_rad_s") for a in "xyz"]
         yield mavlink.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, *rates)
-        if self.samples.has(*IMU_COLUMNS):
-            accel = [self._value(f"accel_{a}_m_s2", row) for a in "xyz"]
+        if samples.has(*IMU_COLUMNS):
+            accel = [value(f"accel_{a}_m_s2") for a in "xyz"]
             yield mavlink.MAVLink_highres_imu_message(boot_us, *accel, *rates, *[0.0] * 7, 0x3F, 0)
-        commands = [self._value(f"motor{n}", row) for n in range(1, self._motors + 1)]
+        motors = sum(MOTOR.fullmatch(name) is not None for name in samples.columns)
+        speeds = max((int(n[3:]) for n in samples.columns if n.startswith("rpm")), default=0)
+        commands = [value(f"motor{n}") for n in range(1, motors + 1)]
         padded = [*commands, *[0.0] * (32 - len(commands))]
-        yield mavlink.MAVLink_actuator_output_status_message(boot_us, (1 << self._motors) - 1, padded)
-        for first in range(0, self._rpm, 4):
-            rpm = [self._value(f"rpm{first + k + 1}", row) for k in range(4)]
+        yield mavlink.MAVLink_actuator_output_status_message(boot_us, (1 << motors) - 1, padded)
+        for first in range(0, speeds, 4):
+            rpm = [value(f"rpm{first + k + 1}") for k in range(4)]
             if not all(math.isnan(speed) for speed in rpm):  # between two messages of slow ESCs
                 yield MAVLink_esc_status_message(first, 0, rpm, [0.0] * 4, [0.0] * 4)
-        if self.samples.has("height_m"):
-            vn, ve, vd = (self._value(f"vel_{a}_m_s", row) for a in "ned")
-            down = -self._value("height_m", row)
+        if samples.has("height_m"):
+            vn, ve, vd = (value(f"vel_{a}_m_s") for a in "ned")
+            down = -value("height_m")
             yield mavlink.MAVLink_local_position_ned_message(boot_ms, 0.0, 0.0, down, vn, ve, vd)
-        if self.samples.has("voltage_V"):
-            cells = [min(round(1e3 * self._value("voltage_V", row)), 65534), *[65535] * 9]
+        if samples.has("voltage_V"):
+            cells = [min(round(1e3 * value("voltage_V")), 65534), *[65535] * 9]
             yield mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, -1, -1, -1, -1)
-        if self.samples.has("landed"):
-            state = 1 if self._value("landed", row) > 0.5 else 2
+        if samples.has("landed"):
+            state = 1 if value("landed") > 0.5 else 2
             yield mavlink.MAVLink_extended_sys_state_message(0, state)
 
 
-def load_recording(path: Path) -> Tlog | SampleLog:
-    """A recording by its content. Raises InputError for what is none."""
+def load_recording(path: Path, system: int | None = None) -> Tlog | SampleLog:
+    """A recording by its content; of several vehicles that of `system`. Raises InputError."""
     kind = log_kind(path)
     if kind == "tlog":
-        return Tlog(path)
-    if kind == "ulog":
-        from coaxlink.data.logs.ulog import ulog_parameters, ulog_texts
-
-        parameters = {name: float(value) for name, value in ulog_parameters(path).items()}
-        return SampleLog(
-            path.name, read_flight_log(path), mavlink.MAV_AUTOPILOT_PX4, parameters, ulog_texts(path)
+        return Tlog(path, system)
+    if kind == "text":
+        raise InputError(
+            path, "", "a tlog, a mix.live, a ULog or a DataFlash log (.bin) is expected, found text"
         )
-    if kind == "dataflash":
-        from coaxlink.data.logs.dataflash import dataflash_parameters, dataflash_texts
-
-        texts = [(time_s, 6, text) for time_s, text in dataflash_texts(path)]
-        return SampleLog(
-            path.name,
-            read_flight_log(path),
-            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-            dataflash_parameters(path),
-            texts,
-        )
-    if kind == "live":
-        return SampleLog(path.name, read_flight_log(path), mavlink.MAV_AUTOPILOT_PX4, {})
-    raise InputError(path, "", "a tlog, a mix.live, a ULog or a DataFlash log (.bin) is expected, found text")
+    ardupilot = kind == "dataflash"
+    autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA if ardupilot else mavlink.MAV_AUTOPILOT_PX4
+    return SampleLog(path.name, read_flights(path, system), autopilot)
 
 
 def _sent(message: Any) -> Any:

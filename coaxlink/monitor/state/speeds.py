@@ -5,8 +5,8 @@ ACTUATOR_OUTPUT_STATUS). A source is passed over, and a note says so, when anoth
 it went quiet, or when it contradicts itself.
 
 A command is a pulse after the thrust curve, u = (us - low) / (high - low): 1000 and 2000 us, on ArduPilot
-MOT_PWM_MIN and MOT_PWM_MAX. There a motor's output, and its ESC, is the one whose SERVOn_FUNCTION names it
-(once those were read); elsewhere output n drives motor n.
+MOT_PWM_MIN and MOT_PWM_MAX, or where they are 0 the throttle channel's. There a motor's output, and its
+ESC, is the one whose SERVOn_FUNCTION names it (once those were read); elsewhere output n drives motor n.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from coaxlink.mavlink.telemetry import Telemetry, Timed
 from coaxlink.monitor.incoming.heard import Heard
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import servo_function
+from firmware_params.ardupilot.parameters import motor_range
 
 STALE_S = 1.5  # speeds older than this are not the present
 RUNNING = 0.1  # normalised command above which a motor must turn
@@ -148,9 +149,7 @@ def _servo(heard: Heard, rotors: int) -> SpeedSource:
         return SpeedSource(name, "commanded", (None,) * rotors)
     # the second eight are an extension that some senders leave out
     pulses = [float(getattr(newest.value, f"servo{n}_raw", 0) or 0) for n in range(1, _OUTPUTS + 1)]
-    low, high = (heard.parameters.get(f"MOT_PWM_{end}", math.nan) for end in ("MIN", "MAX"))
-    if not 0.0 < low < high < 1e4:
-        low, high = 1000.0, 2000.0
+    low, high = motor_range(heard.parameters) or (1000.0, 2000.0)
     outputs = motor_outputs(heard.parameters, rotors)
     u = tuple(None if p is None or p >= _OUTPUTS else _unit(pulses[p], low, high) for p in outputs)
     return SpeedSource(name, "commanded", u, newest.received_s)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 FORMATS = ("png", "svg", "pdf")
 DPI = 130
 WIDTH, SIZE = 6.4, 12  # inches and points: letters are 11 px high where a page shows the picture 400 px wide
+LETTERS, KEY = 60, 6  # in a row of a key; what a line and its gap take of them
 GREY, STAMP = "#8a8f98", "#6b7280"
 
 
@@ -33,13 +34,26 @@ def plain_axis(axis: Axes) -> None:
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color=GREY, alpha=0.25, lw=0.5)
     axis.tick_params(labelsize=SIZE - 1)
+    room = _key_above(axis) if axis.get_legend() else None
     for place in ("left", "center"):
-        axis.set_title(axis.get_title(place), loc=place, fontsize=SIZE)
+        axis.set_title(axis.get_title(place), loc=place, fontsize=SIZE, pad=room)
     for words in (axis.xaxis.label, axis.yaxis.label):
         words.set_fontsize(SIZE)
-    if legend := axis.get_legend():
-        for text in (*legend.get_texts(), legend.get_title()):
-            text.set_fontsize(SIZE - 1)
+
+
+def _key_above(axis: Axes) -> float:
+    """Put the key between the axis and its title, where it covers no data; the points that it takes."""
+    legend = axis.get_legend()
+    assert legend is not None
+    handles, names = axis.get_legend_handles_labels()
+    title = legend.get_title().get_text()
+    columns = len(names) if sum(len(n) + KEY for n in names) <= LETTERS else 2
+    axis.legend(
+        handles, names, title=title or None, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0),
+        frameon=False, borderaxespad=0.2, columnspacing=1.2, fontsize=SIZE - 1, title_fontsize=SIZE - 1,
+        alignment="left",
+    )  # fmt: skip
+    return (-(-len(names) // columns) + bool(title)) * 1.5 * SIZE + 6.0
 
 
 def stamped(figure: Any, stamp: str) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,32 @@ class _Stretch:
     rate_hz: float
     step_s: float
     columns: dict[str, Array]
+
+
+def flown(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> list[Samples]:
+    """The logs, of a file of several stretches those that can be held against a model: a board that was only
+    started leaves one on the ground. What is left out is said in the `provenance` of the rest.
+
+    Raises InputError where nothing of such a file can be.
+    """
+    kept: list[Samples] = []
+    for provenance, group in groupby(logs, key=lambda log: log.provenance):
+        stretches, problems = list(group), []
+        if len(stretches) < 2 or not provenance:
+            kept += stretches
+            continue
+        able = []
+        for one in stretches:
+            try:
+                flight_frame([one], airframe, model)
+                able.append(one)
+            except InputError as error:
+                problems.append(error)
+        if not able:
+            raise problems[0]
+        said = tuple(f"{error.source} is not judged: {error.problem}" for error in problems)
+        kept += [replace(one, provenance=(*provenance, *said)) for one in able]
+    return kept
 
 
 def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> FlightFrame:

@@ -8,7 +8,8 @@ from case_table import case_table
 from residual_rig import steady_loads
 from residual_stand_logs import log_of, model, names, over, ramps
 
-from coaxlink.effects.hysteresis import direction, fading, slipping
+from coaxlink.effects.hysteresis import direction
+from coaxlink.effects.play import fading, slipping
 from coaxlink.residual import refine_stand
 
 
