@@ -48,7 +48,11 @@ def airframe(
     path = rotor or frame.rotor_model
     model = load_rotors(path) if path else None
     board = (
-        layout_of_file(source, None, system) if source else layout_of_board(connect, timeout, system) if connect else None
+        layout_of_file(source, None, system)
+        if source
+        else layout_of_board(connect, timeout, system)
+        if connect
+        else None
     )
     findings = report(frame, model, board, picture, json_file, differs=True)
     wrong = sum(f.severity == "error" for f in findings)

@@ -36,6 +36,7 @@ from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.row_order import in_order_of_time
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
+from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.nuisance.flight_corrections import (
@@ -86,11 +87,13 @@ def refine(
         if differs:
             return found.claiming_nothing(not_this_vehicle=differs)
         names = " and ".join(sorted(e.name for e in found.effects)) or found.verdict
-        lacks = [*lacking(bare), *at_bounds(found, bare), *damage(several, names)]
-        if not lacks:
-            progress("moving what nobody measured")
-            lacks = _hangs_on(found, inputs, bare)
-        return found.claiming_nothing(lacks) if lacks else found
+        if lacks := [*lacking(bare), *damage(several, names)]:
+            return found.claiming_nothing([*lacks, *at_bounds(found, bare)])
+        progress("moving what nobody measured")
+        if (answered := _whatever_lifts(found, inputs, bare)) is not None:
+            return answered
+        hangs_on = [*at_bounds(found, bare)] or _hangs_on(found, inputs, bare)
+        return found.unnamed(hangs_on) if hangs_on else found
 
     def noted() -> Refinement:
         found = run()
@@ -143,6 +146,25 @@ def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
     late = ends("torque_delay_s") or ends("force_delay_s")
     if body.source_of("motor_lag_s") in UNKNOWN and late and "rotor_lag" not in names:
         yield not_judged("motor_lag_s", "the flight asks for another one than none")
+
+
+def _whatever_lifts(found: Refinement, inputs: Inputs, bare: FlightFrame) -> Refinement | None:
+    """The answer where the lift is off by more than a stand errs by, and a vehicle of the mass that is lifted
+    shows the same names: they hang on no mass, and whether it is one is what stays open.
+
+    None where the lift is not off, other numbers are at their bounds too, or the names are others.
+    """
+    body, lift = bare.airframe, lift_share(bare, found.corrections)
+    off = [reason.premise for reason in at_bounds(found, bare)]
+    if off != ["mass_kg"] or body.source_of("mass_kg") in UNKNOWN or "mass_change" in found.names:
+        return None
+    other = judge_flight(
+        inputs, as_if(bare, replace(body, mass_kg=body.mass_kg / (1.0 + lift))), lambda _: None
+    )
+    if other.names - {"mass_change"} != found.names:
+        return None
+    groups = [a for a in found.ambiguous if MASS_OR_THRUST[0] not in a.names]
+    return replace(found, ambiguous=(*groups, weighing(bare, lift)))
 
 
 def _hangs_on(found: Refinement, inputs: Inputs, bare: FlightFrame) -> list[NotJudged]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.channels.flight_floor import floor_behind
-from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.diagnosis.answer import Pieces, concluded, doubt_of, pieces_of, told, unnamed
 from coaxlink.residual.diagnosis.decide import (
     FEIGNED,
@@ -26,7 +25,7 @@ from coaxlink.residual.diagnosis.flight import flight_channels, would_show
 from coaxlink.residual.diagnosis.flight_forms import TIME, Left
 from coaxlink.residual.diagnosis.flight_search import Flown, searched
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
-from coaxlink.residual.diagnosis.mass_or_thrust import doubt, scales
+from coaxlink.residual.diagnosis.mass_or_thrust import doubt, level_not_mass, scales
 from coaxlink.residual.diagnosis.report import Fitted, fitted_about
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
@@ -65,14 +64,19 @@ def judge_flight(inputs: Inputs, bare: FlightFrame, progress: Progress) -> Refin
     floor = floor_behind(acting, fitted.corrections, *lags)
     explained = dict(zip(ch.names, fitted.after.errors < MUCH_LEFT * floor, strict=True))
     posterior = found.posterior if found else None
+    level = _level_not_mass(fitted, acting, said)
+    if level is not None:
+        said = replace(said, claimed={n: p for n, p in said.claimed.items() if n not in level.names})
     between = [doubt_of(ch, posterior, g, flight_experiment, NO_FLIGHT) for g in said.groups if posterior]
     out = concluded(
         fitted,
         posterior,
         replace(said, claimed={n: p for n, p in said.claimed.items() if n in {m.name for m in members}}),
-        np.hypot(floor, felt_noise(ch.bare, fitted.parts)),
+        floor,
         (suspects, [*ch.notes, *_lacking(ch.frame, explained)]),
-        [*doubts, *_of_lift(fitted, acting, said, explained), *between] if found else [],
+        [*doubts, *([level] if level else _of_lift(fitted, acting, said, explained)), *between]
+        if found
+        else [],
         _open_ends(found, lead, left, said) if found and lead and left else [],
         inputs.logs,
     )
@@ -119,6 +123,16 @@ def _lacking(frame: FlightFrame, explained: Mapping[str, bool]) -> list[str]:
     if frame.airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     return notes
+
+
+def _level_not_mass(fitted: Fitted, acting: FlightFrame, said: Decision) -> Ambiguous | None:
+    """Where a mass is claimed that was there from the start, and the torques tell of a level of thrust."""
+    ch = fitted.channels
+    mass = next((m for m in fitted.members if m.name in said.claimed and m.name == "mass_change"), None)
+    if mass is None or "onset_s" in mass.shape:
+        return None
+    scaled = scales(acting, fitted.corrections, ch.block, ch.reduce)
+    return level_not_mass(ch.frame, scaled, mass.parameters(ch.bare)["mass_kg"])
 
 
 def _of_lift(
