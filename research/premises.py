@@ -2,6 +2,7 @@
 
     python research/premises.py [--small] [--json F]
     python research/premises.py --damages 200 [--verb health|refine] [LOG.ulg...]
+    python research/premises.py --columns 300 [--verb health|refine|identify] [LOG...]
 
 One flight of the example X8 in the compiled plant, sound, and one in which rotor 3 lost a fifth in mid
 flight, each written as the tlog that a ground station keeps. The premise is then taken away: the vehicle's
@@ -11,6 +12,12 @@ sound rotor is named, or a weak one, or another vehicle's flight, passes for sou
 
 With `--damages` the two flights, and logs of the example X8 that are named, are flipped, cut and holed: the
 answer is that of the whole log, or it says that the log is damaged, or ends in the air. SILENT: neither.
+
+With `--columns` one column of the two flights, of one whose payload slides, and of logs that are named is
+exchanged, reversed, scaled, shifted, frozen, held, made late or coarse, and rows are dropped
+(`damaged_columns`); what is drawn is drawn by the number of the case. The undamaged ones must be said without
+a doubt. A log's vehicle is the only `*airframe*.toml` or `x8*.toml` beside it, the one of
+`../airframes/airframe_LOG.toml`, or the example's. Untold: nothing in the log can tell, and why.
 """
 
 from __future__ import annotations
@@ -35,13 +42,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 WEAK, LOSS, SECONDS = 3, 0.2, 50.0
+SHIFT_M = 0.01  # along x
 SHORT_S = 30.0  # of a flight that is damaged often
 Flight = dict[str, np.ndarray]
 IMU = ("accel_{}_m_s2", "gyro_{}_rad_s")
 
 
-def flown(*, weak: bool, seconds: float = SECONDS) -> Flight:
-    """Columns at 50 Hz; the loss sets in at half time."""
+def flown(*, weak: bool, seconds: float = SECONDS, shifted: bool = False) -> Flight:
+    """Columns at 50 Hz; the loss, or the payload's slide, sets in at half time."""
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import load_vehicle
     from sim.effects import HiddenEffect
@@ -54,6 +62,7 @@ def flown(*, weak: bool, seconds: float = SECONDS) -> Flight:
         read_vehicle(frame), read_pair(rotors), report_px4(load_vehicle(frame, rotors), "fitted").params
     )
     lost = (HiddenEffect("degraded_rotor", LOSS, 0.5 * seconds, {"rotor": float(WEAK)}),) if weak else ()
+    lost += (HiddenEffect("cg_offset", SHIFT_M, 0.5 * seconds),) if shifted else ()
     return fly_quick(design, FlightWorld(lost, 3, "wander", seconds), 8)[1]
 
 
@@ -287,19 +296,116 @@ def damages(count: int, verb: str, named: list[Path]) -> int:
     return sum(number for (_, _, how), number in found.items() if how == "SILENT")
 
 
+def vehicle_of(log: Path) -> tuple[Path, Path | None]:
+    """The airframe file and the rotor file of a log that is named."""
+    stem = log.name.partition(".")[0]
+    worlds = log.parent.parent / "airframes" / f"airframe_{stem}.toml"
+    if worlds.is_file():
+        return worlds, log.parent.parent / "models" / f"model_{stem}.toml"
+    beside = sorted({*log.parent.glob("*airframe*.toml"), *log.parent.glob("x8*.toml")})
+    return (beside[0] if len(beside) == 1 else EXAMPLES / "x8_demo.toml"), None
+
+
+def weighed(verb: str, log: Any, vehicle: Any) -> tuple[str, tuple[str, ...], Any]:
+    """(the answer, what it grants or doubts, the loads in hover of `identify`) of columns that were read."""
+    from coaxlink.errors import InputError
+    from coaxlink.health.coefficients import coefficients_from_flights
+    from coaxlink.health.premises import flown_by, judged, update_hangs_on
+    from coaxlink.premises.answer import as_json
+    from coaxlink.residual import refine
+    from coaxlink.residual.faults.inputs import checked
+
+    loads = None
+    try:
+        if verb == "health":
+            found = judged([log], ["log"], vehicle).as_json()
+        elif verb == "refine":
+            found = refine(log, vehicle.declared, vehicle.rotors).to_json()
+        else:
+            inputs = checked([log], vehicle.declared)
+            if not (reasons := flown_by(inputs, vehicle)):
+                update = coefficients_from_flights(inputs.logs, vehicle.declared, vehicle.rotors)
+                reasons, loads = update_hangs_on(update, inputs.logs, vehicle), update.loads
+            told = [{"why": s.line()} for s in inputs.suspects]
+            found = as_json(reasons) | {"terms": {}, "suspect_data": told}
+    except InputError as error:
+        return f"refused: {error}"[:120], (str(error),), None
+    lacks = [r for key in ("cannot_judge", "not_this_vehicle", "suspect_data") for r in found.get(key) or ()]
+    granted = found.get("premises", found.get("notes", ()))
+    return words(verb, found, "a model"), (*granted, *(str(r["why"]) for r in lacks)), loads
+
+
+def alike(now: Any, then: Any) -> bool:
+    """Whether loads in hover (prior, its sd, value, its sd) lie within each other's 95 %."""
+    if now is None or then is None:
+        return now is then
+    return all(abs(now[n][2] - then[n][2]) <= 1.96 * np.hypot(now[n][3], then[n][3]) for n in then)
+
+
+def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path]) -> int:
+    """Print a row a way and a verb; the number of answers that changed in silence, and of doubts for none."""
+    from damaged_columns import UNTOLD, WAYS, columns_of, kind_of, moments
+
+    from coaxlink.data import Samples, read_flight_log
+    from coaxlink.vehicle import load_vehicle
+
+    own = load_vehicle(EXAMPLES / "x8_demo.toml", EXAMPLES / "rotor_paper.toml")
+    whole = [
+        (name, Samples(flown(weak=weak, shifted=shifted, seconds=SHORT_S), name), own)
+        for name, weak, shifted in (("sound", False, False), ("weak", True, False), ("shifted", False, True))
+    ]
+    whole += [(p.name, read_flight_log(p), load_vehicle(*vehicle_of(p))) for p in named]
+    right, doubted = {}, 0
+    for name, log, vehicle in whole:
+        for verb in verbs:
+            answer, doubts, loads = right[name, verb] = weighed(verb, log, vehicle)
+            odd = [d for d in doubts if "repeats exactly" in d or "fits the other" in d or "suspect" in d]
+            doubted += bool(odd)
+            print(f"{name}, whole: {verb}: {answer} {'; '.join(odd)}", flush=True)
+    found: Counter[tuple[str, str, str]] = Counter()
+    for n in range(count):
+        dice = random.Random(n)
+        name, log, vehicle = whole[n % len(whole)]
+        way = list(WAYS)[n // len(whole) % len(WAYS)]
+        column = dice.choice(columns_of(log))
+        rows = moments(log, dice)
+        damaged, what = WAYS[way](log, column, rows, dice)
+        if damaged is log:
+            continue
+        for verb in verbs:
+            answer, doubts, loads = weighed(verb, damaged, vehicle)
+            before, granted, then = right[name, verb]
+            same = answer == before and alike(loads, then)
+            how = "the same" if same else "with doubt" if set(doubts) - set(granted) else "SILENT"
+            why = UNTOLD.get((way, kind_of(column), bool(rows.all())), "") if how == "SILENT" else ""
+            how = "untold" if why else how
+            found[way, verb, how] += 1
+            if how in ("SILENT", "untold"):
+                print(f"{n}: {name}, {way} {column} {what}: {verb}: {answer}; {how} {why}", flush=True)
+    hows = ("the same", "with doubt", "untold", "SILENT")
+    print(f"| way | verb | {' | '.join(hows)} |\n|---|---|{len(hows) * '---:|'}")
+    for way, verb in dict.fromkeys((a, b) for a, b, _ in sorted(found)):
+        print(f"| {way} | {verb} | {' | '.join(str(found[way, verb, how]) for how in hows)} |")
+    return doubted + sum(number for (_, _, how), number in found.items() if how == "SILENT")
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--damages", type=int, metavar="N")
     parser.add_argument("--flight", choices=("sound", "weak"), help="by default both")
     parser.add_argument("--premise", choices=tuple(PREMISES), action="append", help="by default all")
-    parser.add_argument("--verb", choices=("health", "refine"), default="health")
+    parser.add_argument("--columns", type=int, metavar="N")
+    parser.add_argument("--verb", choices=("health", "refine", "identify"))
     parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--small", action="store_true", help="one flight, one premise, for CI")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
     if o.damages:
-        sys.exit(1 if damages(o.damages, o.verb, o.logs) else 0)
+        sys.exit(1 if damages(o.damages, o.verb or "health", o.logs) else 0)
+    if o.columns:
+        verbs_ = (o.verb,) if o.verb else ("health", "refine", "identify")
+        sys.exit(1 if columns_damaged(o.columns, verbs_, o.logs) else 0)
     chosen = ("outputs exchanged",) if o.small else tuple(o.premise or PREMISES)
     rows, wrong = [], 0
     print("| flight | premise | verb | says | exit | |\n|---|---|---|---|---:|---|")
@@ -323,6 +429,8 @@ def main() -> None:
                     rows.append([flight, premise, verb, answer, code, bad])
                     mark = "WRONG" if bad else ""
                     print(f"| {flight} | {premise} | {verb} | {answer} | {code} | {mark} |", flush=True)
+    if o.small:
+        wrong += columns_damaged(6, ("health",), [])
     if o.json:
         o.json.write_text(json.dumps(rows))
     sys.exit(1 if wrong else 0)

@@ -14,12 +14,14 @@ from coaxlink.errors import InputError
 if TYPE_CHECKING:
     import pandas
 
-OUTPUTS_AS_MOTORS, RANGE, DAMAGED = "outputs_as_motors", "range", "damaged"
+OUTPUTS_AS_MOTORS, RANGE, DAMAGED, SIGNED_SPEEDS = "outputs_as_motors", "range", "damaged", "signed_speeds"
 PREMISES = {  # what a reader took for granted: in words, and what would tell
     OUTPUTS_AS_MOTORS: "no parameter in the log says which output drives which motor: output n is taken for "
     "motor n; give a log that holds the parameters",
     RANGE: "neither MOT_PWM_MIN and MOT_PWM_MAX nor RC3_MIN and RC3_MAX are in the log: motors are taken to "
     "run from 1000 to 2000 us; give a log that holds the parameters",
+    SIGNED_SPEEDS: "the rpm of some rotors are negative, as of ESCs that tell the direction by the sign: "
+    "their amounts are taken",
     DAMAGED: "the file is damaged, some of it could not be read: take the log from the card again",
 }
 

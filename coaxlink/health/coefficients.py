@@ -125,17 +125,22 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     names = [(load, term) for load, terms in prior.terms().items() for term in terms]
     mean = np.array([prior.terms()[load][term] for load, term in names])
     covariance, notes = prior_covariance(prior, names, mean)
-    measured = all(log.has(*(f"rpm{r.number}" for r in airframe.rotors)) for log in logs)
+    measured = all(has_speeds(log, airframe) for log in logs)
     if measured:
-        logs = [_by_speed(log, airframe, prior) for log in logs]
+        logs = [by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
+        numbers = [r.number for r in airframe.rotors]
+        silent = [n for n in numbers if not all(has_speed(log, n) for log in logs)]
+        notes += tuple(
+            f"rotor {n} has no logged speed: it turns by its command as the others do" for n in silent
+        )
     else:
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
     root = np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance))), float)
-    by_speed = prior.by_speed() if measured else prior
-    rows, frames = zip(*(_rows(log, airframe, by_speed, names, measured, root) for log in logs), strict=True)
+    bare = prior.by_speed() if measured else prior
+    rows, frames = zip(*(_rows(log, airframe, bare, names, measured, root) for log in logs), strict=True)
     whole = together(rows, {})
     count, lasts = len(names), whole.lasting
     units = np.eye(lasts)
@@ -199,41 +204,58 @@ def prior_covariance(
     return np.diag(np.array(sds) ** 2) + same * np.outer(guessed, guessed), (f"prior: {where}",)
 
 
-def _by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
+def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
     """A log whose motor columns are speeds: slowly as the ESCs' rpm say, quickly as the commands go.
 
         speed = mean(rpm) + slope (command - mean(command)),   means over SLOW_S, centred
 
     What a command means drifts with the pack and the windings: rpm tell it, late and coarsely as they come.
     What happens within seconds they tell too late. The slope is that of both over STEADY_S, commands through
-    the declared lag, with proportion as its prior: a hover alone says nothing of it. Raises InputError for a
-    rotor that tells no speed.
+    the declared lag, with proportion as its prior: a hover alone says nothing of it. A rotor without a
+    speed turns by its command as the others do.
     """
-    columns = {}
     given = np.stack([log[f"motor{rotor.number}"] for rotor in airframe.rotors], axis=1)
     volts = log["voltage_V"] if log.has("voltage_V") else None
     asked = airframe.turned(model, np.where(impossible_commands(given), np.nan, given), volts)
+    turned, ratios = {}, {}
     for rotor, command in zip(airframe.rotors, asked.T, strict=True):
-        speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm
-        rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)
-        if rows.sum() < LEAST_ROWS:
-            raise InputError(
-                log.source, f"column rpm{rotor.number}", "no speeds while its motor was commanded"
-            )
-        period = float(np.median(np.diff(log["time_s"])))
-        behind = _turning(command, period, airframe.motor_lag_s)
-        every = period * len(rows) / rows.sum()  # ESCs may report more seldom than the log has rows
-        slow, short = (max(round(span / period), 1) for span in (max(SLOW_S, FEW_SPEEDS * every), STEADY_S))
-        u, v = (_mean(values, rows, slow) for values in (command, speed))
-        x, y = ((_mean(values, rows, short) - _mean(values, rows, slow))[rows] for values in (behind, speed))
-        ratio = float(np.median(speed[rows] / command[rows]))
-        noise = float(np.var(y - ratio * x)) * STEADY_S / period  # neighbours share their mean
-        own = noise / (SLOPE_SD * ratio) ** 2
-        slope = (float(x @ y) + own * ratio) / max(float(x @ x) + own, 1e-300)
-        near = np.isfinite(v)
-        speeds = np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command)
-        columns[f"motor{rotor.number}"] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
-    return log.with_columns(**columns)
+        speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm if has_speed(log, rotor.number) else None
+        if speed is not None:
+            turned[rotor.number], ratios[rotor.number] = _turned(command, speed, log, airframe.motor_lag_s)
+    usual = float(np.median(list(ratios.values())))
+    for rotor, command in zip(airframe.rotors, asked.T, strict=True):
+        speeds = turned.get(rotor.number, usual * command)
+        turned[rotor.number] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
+    return log.with_columns(**{f"motor{n}": speeds for n, speeds in turned.items()})
+
+
+def has_speed(log: Samples, rotor: int) -> bool:
+    """Whether there are speeds of a rotor while it was commanded."""
+    if not log.has(f"rpm{rotor}"):
+        return False
+    return int(np.sum((log[f"rpm{rotor}"] > 0.0) & (log[f"motor{rotor}"] > TURNING))) >= LEAST_ROWS
+
+
+def has_speeds(log: Samples, airframe: Airframe) -> bool:
+    """Whether more than half of the rotors have theirs (judgement)."""
+    return 2 * sum(has_speed(log, r.number) for r in airframe.rotors) > len(airframe.rotors)
+
+
+def _turned(command: Array, speed: Array, log: Samples, lag_s: float) -> tuple[Array, float]:
+    """(rows,) what a rotor turned at, and how many times its command that usually is."""
+    rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)
+    period = float(np.median(np.diff(log["time_s"])))
+    behind = _turning(command, period, lag_s)
+    every = period * len(rows) / max(rows.sum(), 1)  # ESCs may report more seldom than the log has rows
+    slow, short = (max(round(span / period), 1) for span in (max(SLOW_S, FEW_SPEEDS * every), STEADY_S))
+    u, v = (_mean(values, rows, slow) for values in (command, speed))
+    x, y = ((_mean(values, rows, short) - _mean(values, rows, slow))[rows] for values in (behind, speed))
+    ratio = float(np.median(speed[rows] / command[rows]))
+    noise = float(np.var(y - ratio * x)) * STEADY_S / period  # neighbours share their mean
+    own = noise / (SLOPE_SD * ratio) ** 2
+    slope = (float(x @ y) + own * ratio) / max(float(x @ x) + own, 1e-300)
+    near = np.isfinite(v)
+    return np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command), ratio
 
 
 def _turning(command: Array, period_s: float, lag_s: float) -> Array:

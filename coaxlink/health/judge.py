@@ -23,6 +23,9 @@ from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, LOADS, Comparison, Pay
 from coaxlink.health.onsets import Onset
 from coaxlink.health.priors import GROUND, LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST, WATCH
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
+from coaxlink.residual.result import Suspect
+
+SLIGHT = 1e-3  # probability: of a rotor that is this little in doubt the table says nothing of a fault
 
 
 class Interval(NamedTuple):
@@ -100,6 +103,7 @@ class Health:
     mended: tuple[MendedRotor, ...] = ()  # likelier than not
     premises: tuple[str, ...] = ()  # what the logs' readers took for granted, in words
     slid: float = 0.0  # probability that something aboard moved within a flight
+    suspect_data: tuple[Suspect, ...] = ()  # columns, or rows of them, that are no readings
 
     @classmethod
     def withheld(
@@ -140,6 +144,7 @@ class Health:
             "premises": list(self.premises),
             "probability": None if self.reasons else self.probability,
             "matters": MATTERS,
+            "suspect_data": [asdict(s) for s in self.suspect_data],
             "suspects": [asdict(s) for s in self.suspects],
             "mended": [asdict(m) for m in self.mended],
             "payload_moved": None if self.reasons else self.payload,
@@ -217,58 +222,83 @@ def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
     )
 
 
-def _set_in(found: Comparison, flight: int) -> dict[int, Onset]:
-    """Rotors that may have lost something within this flight, from WATCH on, and when most likely."""
+def _set_in(found: Comparison, flight: int, rotor: int) -> Onset | None:
+    """When within this flight a rotor most likely failed, if it was then and not before."""
     onsets, last = found.onsets[flight], len(found.flights)
-    chances = sum(found.faults[flight, k][0].sum(axis=2) for k in range(flight + 1, last + 1))  # (R, N)
-    when = np.argmax(chances, axis=0)
-    return {
-        i: onsets[r]
-        for i, r in enumerate(when)
-        if onsets[r].start_s is not None and chances[:, i].sum() >= WATCH
-    }
+    here = sum(found.faults[flight, k][0, :, rotor].sum(axis=1) for k in range(flight + 1, last + 1))  # (R,)
+    best = onsets[int(np.argmax(here))]
+    return best if best.start_s is not None and here.sum() > 0.5 * _failed(found, flight)[rotor] else None
+
+
+def _failed(found: Comparison, flight: int) -> Array:
+    """(N,) probability that a rotor has a fault, however small, at a flight's end."""
+    there = [m[0].sum(axis=(0, 2)) for (since, until), m in found.faults.items() if since <= flight < until]
+    return np.asarray(np.clip(np.sum(there, axis=0), 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """Thrust and torque gains of all rotors at a flight's end, if one of them, or none, failed."""
+
+    mean: Array  # (2, N) less what the others have in common
+    covariance: Array  # (2, N, N)
+    weight: float
+
+
+def _ends(found: Comparison, number: int, failed: int | None, weight: float) -> _Ends:
+    f, count, blade = found.flights[number], found.flights[number].loads.shape[2], LOADS[0]
+    unit, losses, p = np.eye(count), [], found.best
+    if failed is not None:
+        onset = _set_in(found, number, failed)
+        share = onset.time_profile(f.time_s, f.cutoff_hz) if onset else np.ones(len(f.time_s))
+        losses = [lost(f, failed, blade, share)]
+    aboard = {0: p.blocks(f)} if isinstance(p, Payload) and p.flight == number else {}
+    fit = together([f], aboard, [losses]).fit
+    # (2, N, columns) that are a gain at the flight's end: those that last, and the loss
+    ends = [
+        np.hstack([own, -np.outer(unit[failed], blade[q])] if failed is not None else [own])
+        for q, own in enumerate((np.hstack([unit, 0 * unit]), np.hstack([0 * unit, unit])))
+    ]
+    at_end = np.pad(ends, ((0, 0), (0, 0), (len(fit.values) - ends[0].shape[1], 0)))
+    others = np.ones(count) if failed is None else 1.0 - unit[failed]
+    apart = at_end - np.einsum("n,qnk->qk", others / others.sum(), at_end)[:, None]
+    return _Ends(apart @ fit.values, np.einsum("qnk,kl,qml->qnm", apart, fit.covariance, apart), weight)
 
 
 def _of_flight(
     found: Comparison, number: int, name: str, numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> FlightHealth:
-    """Every rotor's gains at the end of one flight with nobody flagged: all may be off, by LOSS_SD, and those
-    that something set in at by as much more from then on. What was aboard is as is likeliest."""
-    f, unit, blade = found.flights[number], np.eye(len(numbers)), LOADS[0]
-    set_in = _set_in(found, number)
-    losses = [lost(f, i, blade, np.ones(len(f.time_s))) for i in range(len(unit))]
-    losses += [lost(f, i, blade, o.time_profile(f.time_s, f.cutoff_hz)) for i, o in set_in.items()]
-    p = found.best
-    fit = together(
-        [f], {0: p.blocks(f)} if isinstance(p, Payload) and p.flight == number else {}, [losses]
-    ).fit
-    mean, covariance = fit.values, fit.covariance
-    # (2, N, columns) that are a loss at the flight's end: gains that last, losses, those that set in
-    ends = [
-        np.hstack([*own, np.kron(unit, blade[q]), np.kron(unit[:, list(set_in)], blade[q])])
-        for q, own in enumerate(((-unit, 0 * unit), (0 * unit, -unit)))
-    ]
-    at_end = np.pad(ends, ((0, 0), (0, 0), (len(mean) - ends[0].shape[1], 0)))
-    alike = at_end.mean(axis=1)
+    """Every rotor's gains at one flight's end as the verdict has them: if each rotor, or none, failed, as
+    probable as that is, less what the others have in common: the pack's and the air's. What was aboard is as
+    is likeliest."""
+    f, chance = found.flights[number], _failed(found, number)
+    may = [None, *np.flatnonzero(chance > SLIGHT)]
+    weights = np.array([max(1.0 - float(chance.sum()), SLIGHT), *chance[chance > SLIGHT]])
+    cases = [_ends(found, number, i, w) for i, w in zip(may, weights / weights.sum(), strict=True)]
 
-    def interval(weights: Array, quantity: int) -> Interval:
-        apart = weights - alike[quantity]  # what all share is the pack's and the air's, not a rotor's
-        value = 1.0 - float(apart @ mean)
-        half = NORMAL_95 * float(np.sqrt(apart @ covariance @ apart))
-        return Interval(value, value - half, value + half)
+    def interval(of: Array, quantity: int) -> Interval:
+        """The moments of all cases together."""
+        means = [float(of @ c.mean[quantity]) for c in cases]
+        mean = float(sum(c.weight * m for c, m in zip(cases, means, strict=True)))
+        variance = sum(
+            c.weight * (float(of @ c.covariance[quantity] @ of) + (m - mean) ** 2)
+            for c, m in zip(cases, means, strict=True)
+        )
+        half = NORMAL_95 * float(np.sqrt(float(variance)))
+        return Interval(1.0 + mean, 1.0 + mean - half, 1.0 + mean + half)
 
+    unit = np.eye(len(numbers))
     partner = {i: j for a, b in pairs for i, j in ((a, b), (b, a))}
     each = tuple(
         RotorHealth(
-            numbers[i], numbers[partner[i]] if i in partner else None,
-            interval(at_end[0, i], 0), interval(at_end[1, i], 1),
+            n, numbers[partner[i]] if i in partner else None, interval(unit[i], 0), interval(unit[i], 1)
         )
-        for i in range(len(unit))
-    )  # fmt: skip
+        for i, n in enumerate(numbers)
+    )
     lift = np.abs(f.loads[:, 0, :, 0]).sum(axis=0)
     share = {(a, b): lift[a] / max(lift[a] + lift[b], 1e-300) for a, b in pairs}
     both = tuple(
-        PairHealth((numbers[a], numbers[b]), interval(s * at_end[0, a] + (1 - s) * at_end[0, b], 0))
+        PairHealth((numbers[a], numbers[b]), interval(s * unit[a] + (1 - s) * unit[b], 0))
         for (a, b), s in share.items()
     )
     return FlightHealth(name, f.seconds, each, both)

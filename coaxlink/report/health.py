@@ -55,6 +55,8 @@ def remarks(health: Health) -> Iterator[str]:
     """What a reader of the verdict must know besides."""
     yield from (reason.line() for reason in health.reasons[1:])
     yield from health.premises
+    blind = {r.premise for r in health.cannot_judge}
+    yield from (s.line() for s in health.suspect_data if s.column not in blind)
     if health.reasons:
         return
     for suspect in health.suspects[:3]:
@@ -76,8 +78,8 @@ def remarks(health: Health) -> Iterator[str]:
         yield "a sound flight before this one (health OLD NEW) tells far more"
     yield (
         f"by that chance: sound below {100 * WATCH:.0f} %, watch, ground it from {100 * GROUND:.0f} % on; "
-        "shares are of the model's load at the commanded speeds, at a flight's end, after what all rotors "
-        "have in common"
+        "shares are of the model's load at the commanded speeds, at a flight's end, as probable as the "
+        "verdict has each rotor's fault, after what the others have in common"
     )
 
 
@@ -142,7 +144,7 @@ def health_page(health: Health, made: Made) -> str:
     """One self-contained HTML page: the verdict, the picture, the table, the remarks, how it was made."""
     from coaxlink.report.html import PagePicture, PageTable, render
 
-    said = verdict_line(health)
+    sentences = verdict_line(health)
     heads, rotors, pairs = _rows(health)
     caption = (
         f"Thrust and torque over those of the model, flight by flight, with 95 % intervals; within the band "
@@ -151,7 +153,7 @@ def health_page(health: Health, made: Made) -> str:
     return render(
         "health.html",
         title="Is every rotor sound?",
-        lead=f"{said[:1].upper()}{said[1:]}.",
+        lead=f"{sentences[:1].upper()}{sentences[1:]}.",
         picture=PagePicture(drawn(figure(health, made.line())), caption),
         loads=PageTable([head.replace("\n", " ") for head in heads], [*rotors, *pairs]),
         remarks=list(remarks(health)),

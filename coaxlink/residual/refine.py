@@ -36,7 +36,9 @@ from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.row_order import in_order_of_time
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
+from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
+from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.nuisance.flight_corrections import (
     ACCEL_BIAS_M_S2,
     LEVEL,
@@ -71,10 +73,12 @@ def refine(
     several = _several(logs)
 
     def run() -> Refinement:
+        progress("are these readings?")
+        inputs = checked(several, airframe)
         progress("aligning")
-        bare = flight_frame(several, airframe, model)
-        found = judge_flight(several, bare, progress)
-        differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, several))
+        bare = flight_frame(inputs.logs, airframe, model)
+        found = judge_flight(inputs, bare, progress)
+        differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, inputs.logs))
         if found.suspect_data and not found.effects:
             # an instrument that is wrong makes another vehicle of this one; its motors it leaves alone
             differs = tuple(d for d in differs if d.check in ("motors", "outputs"))
@@ -83,11 +87,13 @@ def refine(
         if differs:
             return found.claiming_nothing(not_this_vehicle=differs)
         names = " and ".join(sorted(e.name for e in found.effects)) or found.verdict
-        lacks = [*lacking(bare), *at_bounds(found, bare), *damage(several, names)]
-        if not lacks:
-            progress("moving what nobody measured")
-            lacks = _hangs_on(found, several, bare)
-        return found.claiming_nothing(lacks) if lacks else found
+        if lacks := [*lacking(bare), *damage(several, names)]:
+            return found.claiming_nothing([*lacks, *at_bounds(found, bare)])
+        progress("moving what nobody measured")
+        if (answered := _whatever_lifts(found, inputs, bare)) is not None:
+            return answered
+        hangs_on = [*at_bounds(found, bare)] or _hangs_on(found, inputs, bare)
+        return found.unnamed(hangs_on) if hangs_on else found
 
     def noted() -> Refinement:
         found = run()
@@ -142,7 +148,26 @@ def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
         yield not_judged("motor_lag_s", "the flight asks for another one than none")
 
 
-def _hangs_on(found: Refinement, logs: Sequence[Samples], bare: FlightFrame) -> list[NotJudged]:
+def _whatever_lifts(found: Refinement, inputs: Inputs, bare: FlightFrame) -> Refinement | None:
+    """The answer where the lift is off by more than a stand errs by, and a vehicle of the mass that is lifted
+    shows the same names: they hang on no mass, and whether it is one is what stays open.
+
+    None where the lift is not off, other numbers are at their bounds too, or the names are others.
+    """
+    body, lift = bare.airframe, lift_share(bare, found.corrections)
+    off = [reason.premise for reason in at_bounds(found, bare)]
+    if off != ["mass_kg"] or body.source_of("mass_kg") in UNKNOWN or "mass_change" in found.names:
+        return None
+    other = judge_flight(
+        inputs, as_if(bare, replace(body, mass_kg=body.mass_kg / (1.0 + lift))), lambda _: None
+    )
+    if other.names - {"mass_change"} != found.names:
+        return None
+    groups = [a for a in found.ambiguous if MASS_OR_THRUST[0] not in a.names]
+    return replace(found, ambiguous=(*groups, weighing(bare, lift)))
+
+
+def _hangs_on(found: Refinement, inputs: Inputs, bare: FlightFrame) -> list[NotJudged]:
     """Premises that change the set of names when they are moved."""
     hangs: dict[str, NotJudged] = {}
     for moved in moves(bare.airframe):
@@ -151,7 +176,7 @@ def _hangs_on(found: Refinement, logs: Sequence[Samples], bare: FlightFrame) -> 
         declared = moved.premise == "mass_kg"
         if moved.premise in hangs or (declared and (not names or _held(moved, found, bare))):
             continue
-        other = judge_flight(logs, as_if(bare, moved.airframe), lambda _: None)
+        other = judge_flight(inputs, as_if(bare, moved.airframe), lambda _: None)
         now = other.names - {own}
         # somebody's word counts where the log bears it out against the other number
         if now == names or (declared and _error(other) > _error(found) + CLEARLY):

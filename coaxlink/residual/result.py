@@ -96,6 +96,10 @@ class Suspect:
     rows: str
     why: str
 
+    def line(self) -> str:
+        """In one line."""
+        return f"suspect: {self.column}, rows {self.rows}: {self.why}"
+
 
 @dataclass(frozen=True)
 class Rejected:
@@ -243,6 +247,30 @@ class Refinement(Shown):
             cannot_judge=tuple(cannot_judge),
             not_this_vehicle=tuple(not_this_vehicle),
         )
+
+    def unnamed(self, hangs_on: Sequence[NotJudged]) -> Refinement:
+        """Without names, which hang on these premises. What they explain is there all the same: it stays,
+        `unexplained`, each over its cause with its size.
+        """
+        premises = " and ".join(dict.fromkeys(r.premise for r in hangs_on))
+        sizes = {e.name: e.rmse for e in self.effects}
+        whole = {n: (c.rmse_before, c.rmse_after) for n, c in self.channels.items()}
+        sizes |= {a.names[0].split(AT)[0]: whole for a in self.ambiguous}
+        causes = self.series.causes if self.series else {}
+        ends = list(self.unexplained)
+        for name, rmse in sizes.items():
+            shown = {
+                c: (causes[name, c][0], float(np.sqrt(max(before**2 - after**2, 0.0))))
+                for c, (before, after) in rmse.items()
+                if (name, c) in causes
+            }
+            channel = max(shown, key=lambda c: shown[c][1] / self.channels[c].noise_floor, default="")
+            if channel and channel not in {u.channel for u in ends}:
+                label, size = shown[channel]
+                unit = self.channels[channel].unit
+                where = f"{label}: {size:.2g} {unit}, as {name} would have it; no name without {premises}"
+                ends.append(Unexplained(channel, (label,), size, where))
+        return replace(self.claiming_nothing(hangs_on), unexplained=tuple(ends))
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of `refine` in the contract (extra keys: corrections, trace, surface, notes,

@@ -14,8 +14,8 @@ from coaxlink.errors import InputError
 from coaxlink.files import example
 from coaxlink.health.coefficients import (
     NO_PRIOR,
-    _by_speed,
     _within,
+    by_speed,
     coefficients_from_flights,
     prior_covariance,
 )
@@ -61,7 +61,7 @@ def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
     vehicle, fly = flown
     log = fly(plan, HiddenEffect("battery_voltage", 0.5))
     top = vehicle.rotors.speed_max_rpm
-    speeds = _by_speed(log, vehicle.declared, vehicle.rotors)
+    speeds = by_speed(log, vehicle.declared, vehicle.rotors)
     air = slice(250, -50)
     for n in (1, 8):
         command, true, found = (x[air] for x in (log[f"motor{n}"], log[f"rpm{n}"] / top, speeds[f"motor{n}"]))
@@ -78,7 +78,7 @@ def test_damaged_commands_teach_no_speeds(flown):
     log = fly("wander")
     damaged = np.arange(log.rows) % 40 == 7
     harmed = log.with_columns(motor1=np.where(damaged, 37.0, log["motor1"]))
-    sound, found = (_by_speed(x, vehicle.declared, vehicle.rotors)["motor1"] for x in (log, harmed))
+    sound, found = (by_speed(x, vehicle.declared, vehicle.rotors)["motor1"] for x in (log, harmed))
     assert not np.isfinite(found[damaged]).any()
     assert np.abs(found - sound)[~damaged].max() < 0.01
 
@@ -102,7 +102,7 @@ def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
 
 def test_rows_near_a_motors_end_are_left_out(flown):
     vehicle, fly = flown
-    log = _by_speed(fly("steps"), vehicle.declared, vehicle.rotors)
+    log = by_speed(fly("steps"), vehicle.declared, vehicle.rotors)
     frame = flight_frame([log], vehicle.declared, vehicle.rotors)
     kept = _within(frame, log)
     assert 50 < len(kept.keep) < 0.9 * len(frame.keep)

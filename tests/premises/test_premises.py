@@ -20,6 +20,7 @@ from coaxlink.health.premises import flown_by, judged
 from coaxlink.premises import as_if, moves, other_vehicle, unseen
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.faults.inputs import checked
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -95,7 +96,9 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
                     refined.add(check)
                     said = refine(log, vehicle.declared, ROTORS).to_json()
                     assert said["verdict"] == "not this vehicle" and said["effects"] == []
-                checks = [r.as_json().get("check") for r in flown_by([log], vehicle)]
+                checks = [
+                    r.as_json().get("check") for r in flown_by(checked([log], vehicle.declared), vehicle)
+                ]
                 assert check in checks
 
 

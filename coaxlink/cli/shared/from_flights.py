@@ -42,6 +42,7 @@ def identify_from_flights(
     from coaxlink.premises.answer import as_json
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
     from coaxlink.residual.channels.flight import flown
+    from coaxlink.residual.faults.inputs import checked
     from coaxlink.residual.refine import vehicle_differs
     from coaxlink.rotor.model import save_rotor_model
     from coaxlink.vehicle import load_vehicle
@@ -56,14 +57,15 @@ def identify_from_flights(
         status.update("is this the vehicle?")
         if not vehicle_differs(read, vehicle.declared):
             read = flown(read, vehicle.declared, vehicle.rotors)
-        if reasons := flown_by(read, vehicle):
+        inputs = checked(read, vehicle.declared)
+        if reasons := flown_by(inputs, vehicle):
             if json:
                 files.write_json(json, as_json(reasons))
             raise CheckFailed("; ".join(reason.line() for reason in reasons))
         status.update("updating")
-        update = coefficients_from_flights(read, vehicle.declared, vehicle.rotors)
+        update = coefficients_from_flights(inputs.logs, vehicle.declared, vehicle.rotors)
         status.update("moving what nobody measured")
-        lacks = update_hangs_on(update, read, vehicle)
+        lacks = update_hangs_on(update, inputs.logs, vehicle)
         planned, problem = None, None
         if plan:
             status.update("planning the next flight")
@@ -76,7 +78,11 @@ def identify_from_flights(
     screen.print(hover_table(update))
     granted = dict.fromkeys(PREMISES[p] for log in read for p in log.premises)
     granted |= dict.fromkeys(
-        ("no rotor is taken for a weak one: coaxlink health says whether one is", *unseen(read))
+        (
+            "no rotor is taken for a weak one: coaxlink health says whether one is",
+            *unseen(read),
+            *(s.line() for s in inputs.suspects),
+        )
     )
     for line in (*granted, *words(update), *(planned.words() if planned else ())):
         say(f"- {line}")

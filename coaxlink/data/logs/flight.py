@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.logs.dataflash_text import is_dataflash_text
-from coaxlink.data.logs.marks import foreign
 from coaxlink.data.logs.streams import at_the_commands
+from coaxlink.data.marks import LOOKS, foreign
 from coaxlink.data.quiet import one_line
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import SIGNED_SPEEDS, Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
 from firmware_params import bounded
@@ -36,7 +36,6 @@ ABSURD = 1e9  # of any column of ours in any unit; damaged floats go far beyond
 SLOWEST_S = 1.0  # between two rows: slower tells nothing of a flight
 SYSTEM_IDS = ("MAV_SYS_ID", "SYSID_THISMAV", "MAV_SYSID")  # PX4, ArduPilot until 4.6 and after
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
-LOOKS = 8000  # bytes that tell a text's kind: a station's own lines may stand above the formats
 _PRINTOUT = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+: \w+ {")
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
@@ -57,7 +56,17 @@ def read_flights(path: Path, system: int | None = None) -> list[Samples]:
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
     Raises InputError.
     """
-    path = Path(path)
+    return [_amounts(log) for log in _read(Path(path), system)]
+
+
+def _amounts(log: Samples) -> Samples:
+    """With speeds as amounts: an ESC that tells the direction by the sign tells a speed."""
+    rpm = {n: c for n, c in log.columns.items() if n.startswith("rpm")}
+    signed = {n: np.abs(c) for n, c in rpm.items() if np.sum(c < 0.0) > np.sum(c > 0.0)}
+    return log.with_columns(**signed).on_premises(SIGNED_SPEEDS) if signed else log
+
+
+def _read(path: Path, system: int | None) -> list[Samples]:
     kind = log_kind(path)
     try:
         if kind == "ulog":

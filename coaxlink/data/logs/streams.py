@@ -67,6 +67,11 @@ class TimeSeries:
         width = self.time_s[after] - self.time_s[after - 1]
         return (width > max(GAP_PERIODS * self.period_s, 0.1)) & (grid != self.time_s[after])
 
+    def silent(self, grid: Array) -> NDArray[np.bool_]:
+        """(grid,) True in a gap, before it begins and after it is over."""
+        outside = (grid < self.time_s[0] - self.period_s) | (grid > self.time_s[-1] + self.period_s)
+        return np.asarray(self.has_gap(grid) | outside)
+
 
 def series(message: Message | None, fields: Mapping[str, str], scale: float = 1.0) -> TimeSeries | None:
     """Columns (our name: the message's field) times `scale`; None where one is not logged."""
@@ -147,7 +152,8 @@ def merge(
     for one in (motors, *measured):
         for name, column in one.columns.items():
             steps[name] = resolution_of(column)
-            columns[name] = _resampled(name, one.time_s, column, grid, period)
+            values = _resampled(name, one.time_s, column, grid, period)
+            columns[name] = np.where(one.silent(grid), np.nan, values) if name.startswith("rpm") else values
     rare = [n for one in measured if one.period_s > RARE_S for n in one.columns if n.startswith("rpm")]
     keep = ~np.logical_or.reduce([one.has_gap(grid) for one in pacing])
     said = [f"{len(grid)} rows every {1e3 * period:.3g} ms, the rate of the motor commands"]

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.logs.changes import Change, periods, read_in_periods
@@ -286,13 +287,26 @@ def _rpm(
         if not motors:  # before 1.13: ESCs are numbered as their driver's outputs
             driver = maps[0] if len(maps) == 1 else ()
             motors = motors_of_escs(driver, range(len(rpm)), notes, premises)
-        columns = {f"rpm{motor}": rpm[esc] for esc, motor in motors.items()}
         for esc, motor in motors.items():
+            columns = {f"rpm{motor}": rpm[esc]}
             for ours, theirs in (("current{}_A", "current"), ("temperature{}_C", "temperature")):
                 if np.any(values := topic.get(f"esc[{esc}].esc_{theirs}", np.zeros(1))):
                     columns[ours.format(motor)] = values
-        found.append(TimeSeries.of(topic["time_s"], columns))
+            online = _online(topic, esc)
+            if not online.all():
+                notes.append(f"rpm{motor}: ESC {esc} is offline in {np.mean(~online):.0%} of esc_status")
+            found.append(TimeSeries.of(topic["time_s"][online], {n: c[online] for n, c in columns.items()}))
     return found
+
+
+def _online(topic: Message, esc: int) -> NDArray[np.bool_]:
+    """(n,) whether `esc_online_flags` have an ESC's bit: without it the driver repeats what it last heard.
+
+    A driver that never sets the bit of an ESC whose speed moves does not keep the flags.
+    """
+    flags = np.nan_to_num(topic.get("esc_online_flags", np.zeros(1))).astype(np.int64)
+    online = (flags >> esc) & 1 == 1
+    return online if online.any() else np.ones(len(topic["time_s"]), bool)
 
 
 def _functions(topic: Message, count: int) -> dict[int, int]:

@@ -177,11 +177,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         cutoff_hz=cutoff,
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
-        extra={
-            name: values
-            for name, values in joined.items()
-            if name.endswith("_noise") or name == "logged_attitude"
-        },
+        extra={"logged_attitude": joined["logged_attitude"]},
     )
     mass_and_inertia = np.array([airframe.mass_kg] * 3 + list(airframe.inertia_kg_m2))
     rounding = rounding_noise(logs, mass_and_inertia, 1.0 / frame.step_s, cutoff)
@@ -336,11 +332,11 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
     turning = derivative(rates, piece.rate_hz)
     force = np.stack([c[f"accel_{a}_m_s2"] for a in "xyz"], axis=1)
     logged_attitude = np.stack([c["roll_rad"], c["pitch_rad"], c["yaw_rad"]], axis=1)
-    attitude, attitude_noise = smoothed_attitude(logged_attitude, rates, piece.rate_hz)
+    attitude = smoothed_attitude(logged_attitude, rates, piece.rate_hz)
     world_to_body = _world_to_body(*attitude.T)
     velocity = np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1)
     to_world = world_to_body.transpose(0, 2, 1)
-    velocity, velocity_noise = smoothed_velocity(velocity, force, to_world, piece.rate_hz)
+    velocity = smoothed_velocity(velocity, force, to_world, piece.rate_hz)
     inertia = np.asarray(airframe.inertia_kg_m2)
     moment = inertia * turning + np.cross(smooth, inertia * smooth)
     out = {
@@ -356,8 +352,6 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         "attitude": attitude,
         "velocity": np.einsum("rij,rj->ri", world_to_body, velocity),
         "logged_attitude": logged_attitude,
-        "attitude_noise": np.tile(attitude_noise, (rows, 1)),
-        "velocity_noise": np.tile(velocity_noise, (rows, 1)),
         "north": world_to_body[:, :, 0],
         "east": world_to_body[:, :, 1],
         "measured": np.concatenate([airframe.mass_kg * force, moment], axis=1),
@@ -367,8 +361,7 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         if name in c:
             out[key] = c[name]
     if "height" in out:
-        out["height"], noise = smoothed_height(out["height"], velocity[:, 2], piece.rate_hz)
-        out["height_noise"] = np.full(rows, noise)
+        out["height"] = smoothed_height(out["height"], velocity[:, 2], piece.rate_hz)
     return out
 
 

@@ -43,29 +43,28 @@ def turning_of(attitude: Array, rates: Array) -> Array:
     return np.stack([p + across * tp, q * cr - r * sr, across / np.cos(attitude[:, 1])], axis=1)
 
 
-def smoothed_attitude(attitude: Array, rates: Array, rate_hz: float) -> tuple[Array, Array]:
-    """(rows, 3) attitude above the corner from the gyro, and the (3,) noise that is left; or as it came."""
+def smoothed_attitude(attitude: Array, rates: Array, rate_hz: float) -> Array:
+    """(rows, 3) attitude, above the corner from the gyro; or as it came."""
     out = attitude
     if len(out) < LEAST_S * rate_hz or np.max(np.abs(attitude[:, 1])) > 1.2:
-        return attitude, np.full(3, np.nan)
-    differs = np.zeros_like(attitude)
+        return attitude
     for _ in range(2):  # the rates of the angles are taken at the better attitude
         gone = integral(turning_of(out, rates), rate_hz)
         differs = attitude - gone
         quick = differs - slow_part(differs, rate_hz, ATTITUDE_HZ)
         if np.max(np.abs(quick)) > STRAYS_RAD:
-            return attitude, np.full(3, np.nan)
+            return attitude
         out = attitude - quick
-    return out, _left(quick, rate_hz, ATTITUDE_HZ)
+    return out
 
 
-def smoothed_velocity(velocity: Array, force: Array, to_world: Array, rate_hz: float) -> tuple[Array, Array]:
-    """(rows, 3) velocity above the corner from the accelerometer, and the (3,) noise left; or as it came.
+def smoothed_velocity(velocity: Array, force: Array, to_world: Array, rate_hz: float) -> Array:
+    """(rows, 3) velocity, above the corner from the accelerometer; or as it came.
 
     `force` (rows, 3) is specific, in the body; `to_world` (rows, 3, 3) turns it.
     """
     if len(velocity) < LEAST_S * rate_hz:
-        return velocity, np.full(3, np.nan)
+        return velocity
     pull = np.einsum("rwb,rb->rw", to_world, force) + GRAVITY_NED
     differs = velocity - integral(pull, rate_hz)
     # a bias of the accelerometer turns with the body
@@ -76,34 +75,16 @@ def smoothed_velocity(velocity: Array, force: Array, to_world: Array, rate_hz: f
     bias = np.linalg.lstsq(turned.reshape(-1, 3), quick.ravel(), rcond=1e-6)[0]
     quick = quick - turned @ bias
     if np.max(np.abs(quick)) > STRAYS_M_S:
-        return velocity, np.full(3, np.nan)
-    return velocity - quick, _left(quick, rate_hz)
+        return velocity
+    return velocity - quick
 
 
-def smoothed_height(height: Array, sinking: Array, rate_hz: float) -> tuple[Array, float]:
-    """(rows,) height above the corner from the velocity downwards, and the noise that is left.
-
-    As it came, its noise unknown, where the ground is uneven.
-    """
+def smoothed_height(height: Array, sinking: Array, rate_hz: float) -> Array:
+    """(rows,) height, above the corner from the velocity downwards; as it came where the ground is uneven."""
     if len(height) < LEAST_S * rate_hz:
-        return height, np.nan
+        return height
     differs = (height + integral(sinking[:, None], rate_hz)[:, 0])[:, None]
     quick = differs - slow_part(differs, rate_hz, 2.0 * CORNER_HZ)
     if np.max(np.abs(quick)) > STRAYS_M:
-        return height, np.nan
-    return height - quick[:, 0], float(_left(quick, rate_hz, 2.0 * CORNER_HZ)[0])
-
-
-def _left(quick: Array, rate_hz: float, corner_hz: float = CORNER_HZ) -> Array:
-    """(3,) rms of the noise below the corner, as dense there as just above it.
-
-    `quick` is what lies above: the filter's own share is undone.
-    """
-    window = np.hanning(len(quick))[:, None]
-    power = np.abs(np.fft.rfft(quick * window, axis=0)) ** 2
-    density = 2.0 * power / (rate_hz * np.sum(window**2))
-    frequency = np.fft.rfftfreq(len(quick), 1.0 / rate_hz)
-    near = (frequency >= corner_hz) & (frequency <= 2.5 * corner_hz)
-    passed = 1.0 / (1.0 + (frequency[near] / corner_hz) ** 2)
-    level = np.mean(density[near] / (1.0 - passed[:, None]) ** 2, axis=0)
-    return np.asarray(np.sqrt(level * corner_hz * np.pi / 4.0))
+        return height
+    return np.asarray(height - quick[:, 0])

@@ -106,13 +106,7 @@ def decided_in_flight(flown: Flown) -> tuple[Decision, Hypothesis, Left]:
     which one could be in another's place at a rival's odds make a group.
     """
     ch, found = flown.channels, flown.posterior
-    lead = found.best
-    for special, general in SPECIAL:
-        named = (lead.effects - {general}) | {special}
-        sets = [h for h in found.sets if h.effects == named and special not in lead.effects]
-        if general in lead.effects and sets:
-            nearest = min(sets, key=lambda h: found.nats_behind(h))
-            lead = nearest if found.nats_behind(nearest) < -np.log(RIVAL) else lead
+    lead = needed(found, found.best)
     claimed: dict[str, float] = {}
     withheld: dict[str, float] = {}
     groups: list[Group] = []
@@ -136,11 +130,28 @@ def decided_in_flight(flown: Flown) -> tuple[Decision, Hypothesis, Left]:
     left, opened = Left(flown, lead), 0.0
     said = {*claimed, *(n for g in groups for n in g.names)}
     for names in dict.fromkeys([(), tuple(sorted(said))]):
-        numbers = _left_open(found, lead, left, {*names, *bound})
+        numbers = _left_open(found, left, {*names, *bound})
         opened = probability("open", flown_open_terms(numbers, names), FLIGHTS)
         weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
     decision = Decision(claimed, tuple(groups), withheld, opened, opened >= level["open"], tuple(weighed))
     return decision, lead, left
+
+
+def needed(found: Posterior, lead: Hypothesis) -> Hypothesis:
+    """The leading set without what the log does not clearly need: the special case in place of the general
+    one, and no member without which the rest is as good but for a rival's odds. Each member raises what the
+    others have to show, so one that explains nothing would silence them.
+    """
+    least = -np.log(RIVAL)
+    for special, general in SPECIAL:
+        named = (lead.effects - {general}) | {special}
+        sets = [h for h in found.sets if h.effects == named and special not in lead.effects]
+        if general in lead.effects and sets:
+            nearest = min(sets, key=found.nats_behind)
+            lead = nearest if found.nats_behind(nearest) < least else lead
+    here = found.nats_behind(lead)
+    fewer = [h for h in found.sets if h.effects < lead.effects and found.nats_behind(h) - here < least]
+    return min(fewer, key=lambda h: (len(h.effects), found.nats_behind(h)), default=lead)
 
 
 def alone(kind: str, nats: float) -> float:
@@ -148,12 +159,12 @@ def alone(kind: str, nats: float) -> float:
     return probability("open", flown_open_terms({kind: nats}, ()), FLIGHTS)
 
 
-def _left_open(found: Posterior, lead: Hypothesis, left: Left, apart: Collection[str]) -> dict[str, float]:
+def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str, float]:
     """What speaks for more than these names: nats of the others, of the best free form, of the best line.
 
     Those of a lag for themselves.
     """
-    here = found.nats_behind(lead)
+    here = min(found.nats_behind(h) for h in found.sets)
     whole, less = (
         max(min((found.nats_behind(h) for h in found.sets if h.effects <= some), default=MOST) - here, 0.0)
         for some in ({*apart}, {*apart, FEIGNED})

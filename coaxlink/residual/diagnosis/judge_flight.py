@@ -8,10 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from coaxlink.data.samples import Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.channels.flight_floor import floor_behind
-from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.diagnosis.answer import Pieces, concluded, doubt_of, pieces_of, told, unnamed
 from coaxlink.residual.diagnosis.decide import (
     FEIGNED,
@@ -27,16 +25,16 @@ from coaxlink.residual.diagnosis.flight import flight_channels, would_show
 from coaxlink.residual.diagnosis.flight_forms import TIME, Left
 from coaxlink.residual.diagnosis.flight_search import Flown, searched
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
-from coaxlink.residual.diagnosis.mass_or_thrust import doubt, scales
+from coaxlink.residual.diagnosis.mass_or_thrust import doubt, level_not_mass, scales
 from coaxlink.residual.diagnosis.report import Fitted, fitted_about
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
-from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
+from coaxlink.residual.faults.flight_faults import rotor_faults
+from coaxlink.residual.faults.inputs import Inputs
 from coaxlink.residual.members import Member
 from coaxlink.residual.result import AT, Ambiguous, Refinement, Unexplained
 
 Progress = Callable[[str], None]
-LEAST_ROWS = 80  # judged rows of a flight
 MUCH_LEFT = 2.5  # of the floor: a channel that holds more tells neither its level nor its scale
 NO_FLIGHT = "no flight within reach distinguishes them: measure what each needs"
 NO_PLACE = 1e-4  # probability: less is not told
@@ -45,16 +43,15 @@ LOOK = (
 )
 
 
-def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progress) -> Refinement:
+def judge_flight(inputs: Inputs, bare: FlightFrame, progress: Progress) -> Refinement:
     """What these flights, aligned as `bare`, say of the model."""
-    suspects, bad, mislabelled = flight_suspects(bare, several)
-    bare = without_flagged(bare, suspects)
-    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
-        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
+    # of sensors that lie torques tell nothing
+    wrong = () if inputs.blind else rotor_faults(bare)
+    suspects = (*inputs.suspects, *wrong)
     progress("fitting candidates")
     ch = flight_channels(bare)
     found, said, lead, left = None, NOTHING, None, None
-    if not mislabelled:
+    if not (inputs.blind or wrong):
         found = searched(ch, progress)
         progress("weighing the residual")
         said, lead, left = decided_in_flight(found)
@@ -67,16 +64,21 @@ def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progre
     floor = floor_behind(acting, fitted.corrections, *lags)
     explained = dict(zip(ch.names, fitted.after.errors < MUCH_LEFT * floor, strict=True))
     posterior = found.posterior if found else None
+    level = _level_not_mass(fitted, acting, said)
+    if level is not None:
+        said = replace(said, claimed={n: p for n, p in said.claimed.items() if n not in level.names})
     between = [doubt_of(ch, posterior, g, flight_experiment, NO_FLIGHT) for g in said.groups if posterior]
     out = concluded(
         fitted,
         posterior,
         replace(said, claimed={n: p for n, p in said.claimed.items() if n in {m.name for m in members}}),
-        np.hypot(floor, felt_noise(ch.bare, fitted.parts)),
+        floor,
         (suspects, [*ch.notes, *_lacking(ch.frame, explained)]),
-        [*doubts, *_of_lift(fitted, acting, said, explained), *between] if found else [],
+        [*doubts, *([level] if level else _of_lift(fitted, acting, said, explained)), *between]
+        if found
+        else [],
         _open_ends(found, lead, left, said) if found and lead and left else [],
-        several,
+        inputs.logs,
     )
     out = _sure_of_place(out, where)
     if found is None or lead is None:
@@ -121,6 +123,16 @@ def _lacking(frame: FlightFrame, explained: Mapping[str, bool]) -> list[str]:
     if frame.airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     return notes
+
+
+def _level_not_mass(fitted: Fitted, acting: FlightFrame, said: Decision) -> Ambiguous | None:
+    """Where a mass is claimed that was there from the start, and the torques tell of a level of thrust."""
+    ch = fitted.channels
+    mass = next((m for m in fitted.members if m.name in said.claimed and m.name == "mass_change"), None)
+    if mass is None or "onset_s" in mass.shape:
+        return None
+    scaled = scales(acting, fitted.corrections, ch.block, ch.reduce)
+    return level_not_mass(ch.frame, scaled, mass.parameters(ch.bare)["mass_kg"])
 
 
 def _of_lift(

@@ -10,7 +10,7 @@ mass that hangs below adds inertia and lies between the two: then the answer sta
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from coaxlink.signals import derivative
 DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
 LIKE = 0.2  # of the lift's share: torques this near to nothing, or to the lift, side with it
 SURE = 2.0  # standard deviations
+MASS_OR_THRUST, SAG = ("mass_change", "thrust_level"), "battery_voltage"
 LEAST_SD = 0.0005  # what blocks of one flight do not show
 
 
@@ -48,6 +49,15 @@ class Scales:
         if np.all(off + reach < 1.5 * room) and np.all(off < room):
             return "level"
         return "open"
+
+    @property
+    def turns_too(self) -> bool:
+        """Whether both torques are clearly off, and the lift's share is within a factor of two of each (gusts
+        that the loops answer scale them by far more).
+        """
+        clear = np.abs(self.torque) > SURE * self.sigma
+        near = np.abs(self.torque - self.lift) < np.minimum(np.abs(self.torque), abs(self.lift))
+        return bool(np.all(clear & near))
 
 
 def scales(
@@ -83,7 +93,6 @@ def doubt(frame: FlightFrame, s: Scales, explained: bool) -> list[Ambiguous]:
     """What is said where the lift is off and the torques, if `explained`, do not side with a mass."""
     if s.verdict == "none" or (s.verdict == "mass" and explained):
         return []
-    mass, way = frame.airframe.mass_kg, "more" if s.lift > 0 else "less"
     low, high = 100.0 * (s.torque - SURE * s.sigma), 100.0 * (s.torque + SURE * s.sigma)
     why = f"roll torque {low[0]:+.1f} to {high[0]:+.1f} %, pitch torque {low[1]:+.1f} to {high[1]:+.1f} %"
     if not explained:
@@ -94,9 +103,28 @@ def doubt(frame: FlightFrame, s: Scales, explained: bool) -> list[Ambiguous]:
         why = f"too calm a flight to see whether the torques are off alike ({why}): roll and pitch it briskly"
     else:
         why = f"the torques side with neither ({why}): inertia differs from the declared one as well"
+    return [weighing(frame, s.lift, f"within what a stand may be wrong by; {why}")]
+
+
+def level_not_mass(frame: FlightFrame, s: Scales, mass_kg: float) -> Ambiguous | None:
+    """The doubt about a mass that was found, where roll and pitch are off as the lift is: what scales the
+    thrust does that, a mass does not. None where they are not.
+    """
+    both = replace(s, lift=s.lift + frame.airframe.mass_kg / mass_kg - 1.0)
+    if not both.turns_too:
+        return None
+    roll, pitch = 100.0 * s.torque
+    return weighing(frame, both.lift, f"and roll torque by {roll:+.1f}, pitch torque by {pitch:+.1f} %")
+
+
+def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:
+    """The doubt about a lift that is off by this share."""
+    mass, way = frame.airframe.mass_kg, "more" if lift > 0 else "less"
     text = (
-        f"the vehicle lifts {100 * abs(s.lift):.1f} % {way} than model and mass say, within what a stand may "
-        f"be wrong by; {why}. To be sure: weigh it. {mass / (1.0 + s.lift):.2f} kg on the scales instead of "
-        f"{mass:.2f} is mass_change, {mass:.2f} kg a level of thrust"
+        f"the vehicle lifts {100 * abs(lift):.1f} % {way} than model and mass say, {why}. "
+        f"To be sure: weigh it. {mass / (1.0 + lift):.2f} kg on the scales instead of {mass:.2f} is "
+        f"mass_change, {mass:.2f} kg a level of thrust"
     )
-    return [Ambiguous(("mass_change", "thrust_level"), text)]
+    if lift < 0.0 and frame.voltage is None:  # a level that the log could have shown
+        return Ambiguous((*MASS_OR_THRUST, SAG), f"{text}, or a pack that sagged: log voltage_V")
+    return Ambiguous(MASS_OR_THRUST, text)

@@ -9,18 +9,18 @@ the column is coarse, with what it should have read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.logs.flight import MOTOR, impossible_commands
+from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
-from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
+from coaxlink.residual.channels.flight import reduce_columns
 from coaxlink.residual.faults.chain import settled
 from coaxlink.residual.faults.kinematics import (
     ACCEL,
@@ -29,7 +29,6 @@ from coaxlink.residual.faults.kinematics import (
     COLUMNS,
     FINEST,
     GYRO,
-    HEIGHT,
     LEAST_WINDOWS,
     SHARE,
     VELOCITY,
@@ -43,7 +42,6 @@ from coaxlink.residual.faults.kinematics import (
     step_of,
 )
 from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine
-from coaxlink.residual.faults.stand_faults import rows_text
 from coaxlink.residual.faults.states import WHOLE, Mask, runs_of
 from coaxlink.residual.faults.yardstick import BEGINS, SURE, nats_of
 from coaxlink.residual.result import Suspect
@@ -64,58 +62,13 @@ LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
 # nats a window, judgement: what the yardstick itself misses adds up in a long flight (sound ones of ten sets
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
-SPARED = {HEIGHT, "voltage_V"}  # columns a flight can be judged without
 TOLD_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
 EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
 
 
-def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[Suspect], Mask, bool]:
-    """Suspects, (frame rows,) mask of rows to leave out, and whether the log as a whole is wrong.
-
-    It is where a label, a sign or a scale is, or where a sensor was dead for most of the flight.
-    """
-    out: list[Suspect] = []
-    bad, dead = np.zeros(len(frame.time_s), bool), False
-    rotors = {r.number for r in frame.airframe.rotors}
-    for number, log in enumerate(logs):
-        for column, rows, why in column_faults(log):
-            out.append(Suspect(column, rows_text(rows), why))
-            if column not in SPARED:
-                bad |= (frame.log == number) & _around(frame.time_s, log["time_s"], rows)
-                dead |= rows.mean() > 0.5
-        out += _impossible(log, rotors)
-        for column, rows, why in motors_too_many(log, rotors):
-            out.append(Suspect(column, rows_text(rows), why))
-            dead = True
-    # of sensors that lie torques tell nothing
-    wrong = [] if dead else [*_swapped(frame), *_early(frame)]
-    return [*out, *wrong], bad, bool(wrong) or dead
-
-
-def without_flagged(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFrame:
-    """The frame without the columns that a flight can be judged without, where they are flagged."""
-    flagged = {s.column for s in suspects}
-    return replace(
-        frame,
-        height=None if HEIGHT in flagged else frame.height,
-        voltage=None if "voltage_V" in flagged else frame.voltage,
-    )
-
-
-def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
-    """(frame rows,) whether a frame's row lies in a run of the log's rows, or so near that it is felt."""
-    out = np.zeros(len(frame_time), bool)
-    for a, b in runs_of(rows):
-        first, last = float(np.nanmin(time[a:b])), float(np.nanmax(time[a:b]))
-        out |= (frame_time >= first - EDGE_S) & (frame_time <= last + EDGE_S)
-    return out
-
-
-def _impossible(log: Samples, rotors: set[int]) -> list[Suspect]:
-    """Motors commanded outside 0..1; the frame has a gap there."""
-    outside = {f"motor{n}": impossible_commands(log[f"motor{n}"]) for n in sorted(rotors)}
-    why = "commands outside 0..1, as of damaged packets: what follows from them is left out"
-    return [Suspect(name, rows_text(rows), why) for name, rows in outside.items() if rows.any()]
+def rotor_faults(frame: FlightFrame) -> list[Suspect]:
+    """Labels and clocks that the rotors contradict: two motors exchanged, torques before their commands."""
+    return [*_swapped(frame), *_early(frame)]
 
 
 def column_faults(log: Samples) -> list[Finding]:

@@ -22,13 +22,12 @@ from coaxlink.residual.faults.stand_repeats import (
     stuck_context,
     stuck_tachometers,
 )
-from coaxlink.residual.faults.states import RPM, Mask, Said, runs_of
+from coaxlink.residual.faults.states import Mask, Said, runs_of
 from coaxlink.residual.result import Suspect
 
 LEAST_LEFT = 8  # rows
 MOST_FROZEN = 0.5  # of the rows
 RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
-COARSE = 0.02  # of the largest speed: steps in which a tachometer reads
 ARM, USUAL_ARM = (0.002, 0.5), 0.03  # m: torque over thrust of any rotor between a hand's width and 4 m
 
 
@@ -95,11 +94,6 @@ def find_suspects(frame: StandFrame) -> FlaggedColumns:
         for columns, why in _odd_arms(frame, ~found.bad) if frame.free_nuisance else ():
             found.throughout(", ".join(columns), why, *columns)
     if not found.silent:
-        for side, step in _coarse(frame):  # loads of speeds that nobody knows
-            why = f"reads in steps of {100 * step:.1f} % of full speed, while the throttle moves far finer"
-            found.throughout(RPM[side], why)
-            found.swapped = True
-    if not found.silent:
         for said in slips(frame, ~found.bad):
             found.said(said)
         # where half of a log and more stands still, the column is of no use; else these rows are of none
@@ -124,19 +118,6 @@ def _set_back(frame: StandFrame) -> Iterator[tuple[str, Mask, str]]:
         rows[run] = time[run] < np.maximum.accumulate(time[run])
     if rows.any():
         yield "time_s", rows, "time goes back: what follows from one row to the next is not known here"
-
-
-def _coarse(frame: StandFrame) -> Iterator[tuple[int, float]]:
-    """Tachometers that read in steps, as shares of full speed, where the throttle moves far finer."""
-    if frame.driven or frame.throttles is None:
-        return
-    for side in (0, 1):
-        read = np.unique(frame.speeds[:, side])
-        commanded = np.unique(np.round(frame.throttles[:, side], 3))
-        if len(read) >= 3 and len(commanded) >= 2 * len(read) + 4:
-            step = float(np.min(np.diff(read)))
-            if step > COARSE * float(read[-1]):
-                yield side, step
 
 
 def _odd_arms(frame: StandFrame, usable: Mask) -> Iterator[tuple[list[str], str]]:

@@ -56,15 +56,14 @@ def test_an_attitude_that_wanders_follows_the_gyro():
     _, angles, rates, *_ = path()
     told = angles + wander(random, len(angles), 2e-3, 0.3)
     gyro = rates + 1e-3 * random.standard_normal(rates.shape) + 3e-4
-    better, noise = smoothed_attitude(told, gyro, RATE)
+    better = smoothed_attitude(told, gyro, RATE)
     assert rms(better - angles) < 0.5 * rms(told - angles)
-    assert np.all(noise < 1.2e-3) and np.all(noise > 1e-4)
 
 
 def test_a_reversed_gyro_smooths_nothing():
     _, angles, rates, *_ = path()
-    same, noise = smoothed_attitude(angles, -rates, RATE)
-    assert same is angles and np.isnan(noise).all()
+    same = smoothed_attitude(angles, -rates, RATE)
+    assert same is angles
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.08])
@@ -73,16 +72,15 @@ def test_a_velocity_follows_the_accelerometer_whatever_its_bias(bias):
     _, _, _, turn, velocity, force, _ = path()
     told = velocity + wander(random, len(velocity), 0.02, 0.4)
     felt = force + 0.05 * random.standard_normal(force.shape) + np.array([bias, -bias, 0.0])
-    better, noise = smoothed_velocity(told, felt, turn, RATE)
+    better = smoothed_velocity(told, felt, turn, RATE)
     assert rms(better - velocity) < 0.6 * rms(told - velocity)
-    assert np.all(np.isfinite(noise))
 
 
 def test_a_stuck_accelerometer_smooths_nothing():
     _, _, _, turn, velocity, force, _ = path()
     stuck = force.copy()
     stuck[1500:1900] = stuck[1500]
-    same, _ = smoothed_velocity(velocity, stuck, turn, RATE)
+    same = smoothed_velocity(velocity, stuck, turn, RATE)
     assert same is velocity
 
 
@@ -90,9 +88,8 @@ def test_a_height_loses_its_noise_but_not_a_step_of_the_ground():
     random = np.random.default_rng(3)
     t, _, _, _, velocity, _, height = path()
     told = height + 0.02 * random.standard_normal(len(t))
-    better, noise = smoothed_height(told, velocity[:, 2], RATE)
-    assert noise == pytest.approx(rms((better - height)[:, None]), rel=0.5)
+    better = smoothed_height(told, velocity[:, 2], RATE)
     assert rms((better - height)[:, None]) < 0.4 * rms((told - height)[:, None])
     step = told + 0.6 * (t > 30.0)
-    same, unknown = smoothed_height(step, velocity[:, 2], RATE)
-    assert same is step and np.isnan(unknown)
+    same = smoothed_height(step, velocity[:, 2], RATE)
+    assert same is step

@@ -19,6 +19,7 @@ from coaxlink.residual.diagnosis.decide import (
     flown_nats,
     flown_open_terms,
     flown_terms,
+    needed,
     probability,
 )
 from coaxlink.residual.diagnosis.flight_forms import Left
@@ -161,3 +162,13 @@ def test_of_sets_that_beat_one_another_in_a_circle_the_one_of_most_evidence_lead
     monkeypatch.setattr(posteriors, "temper", temper)
     found = posteriors.posterior(None, None, list(sets.values()), whole=True)
     assert found.best is sets["a"]
+
+
+def test_what_explains_nothing_does_not_lead_beside_a_name():
+    behind = {("drag", "wind"): 0.0, ("drag",): 2.0, ("wind",): 50.0, (): 90.0}
+    sets = {names: SimpleNamespace(effects=frozenset(names)) for names in behind}
+    nats = {id(h): behind[names] for names, h in sets.items()}
+    found = SimpleNamespace(sets=tuple(sets.values()), nats_behind=lambda h: nats[id(h)])
+    assert needed(found, sets["drag", "wind"]) is sets["drag",]
+    nats[id(sets["drag",])] = 6.0  # more than a rival's odds
+    assert needed(found, sets["drag", "wind"]) is sets["drag", "wind"]

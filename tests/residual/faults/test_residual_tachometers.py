@@ -45,15 +45,6 @@ def bench(
 
 
 @pytest.mark.slow
-def test_a_tachometer_that_reads_in_coarse_steps_is_flagged() -> None:
-    log = bench(10, from_s=0.0, to_s=0.0)
-    step = 0.05 * RPM
-    answer = refine_stand(log.with_columns(lower_rpm=step * np.round(log["lower_rpm"] / step)))
-    assert [(s.column, s.rows) for s in answer.suspect_data] == [("lower_rpm", "all")]
-    assert answer.effects == () and "steps of" in answer.suspect_data[0].why
-
-
-@pytest.mark.slow
 def test_steps_between_two_speeds_flag_nobody() -> None:
     """One rotor, two throttles, a lag between them: what slow rows fit says nothing of the fast ones."""
     random = np.random.default_rng(5)

@@ -1,0 +1,129 @@
+"""Commands that stand still or come late, speeds that are no longer told: on a mixer that this test makes."""
+
+from __future__ import annotations
+
+import numpy as np
+from case_table import case_table
+
+from coaxlink.data.samples import Samples
+from coaxlink.residual.faults.commands import command_faults
+
+RATE, ROTORS = 50.0, range(1, 9)
+HELD = slice(1500, 1530)  # 0.6 s
+
+
+def flown(seed: int = 0, rows: int = 3000, step: float = 0.0, least: float = 0.0) -> dict[str, np.ndarray]:
+    """Eight commands of four demands, through a propeller's curve, behind and before two idle seconds."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(rows) / RATE
+    demands = np.stack(
+        [sum(rng.uniform(0.01, 0.03) * np.sin(2 * np.pi * f * t + rng.uniform(0, 7)) for f in (0.2, 0.7, 1.9))
+         for _ in range(4)], axis=1,
+    )  # fmt: skip
+    signs = np.array(
+        [[1, s, c, (-1) ** k] for k, (s, c) in enumerate([(1, 1), (1, -1), (-1, -1), (-1, 1)] * 2)]
+    )
+    signs[4:, 3] *= -1
+    thrust = 0.3 + demands @ signs.T + 2e-4 * rng.standard_normal((rows, 8))
+    u = np.clip(np.sqrt(np.clip(thrust, 0.0, None)), least, 1.0)
+    u[: 2 * int(RATE)] = u[-2 * int(RATE) :] = 0.1
+    u = step * np.round(u / step) if step else u
+    log = {"time_s": t} | {f"motor{n}": u[:, n - 1] for n in ROTORS}
+    return log | {f"rpm{n}": 5400.0 * u[:, n - 1] + 5.0 * rng.standard_normal(rows) for n in ROTORS}
+
+
+def found(log: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, str]]:
+    return list(command_faults(Samples(log), ROTORS))
+
+
+def held(values: np.ndarray, rows: slice) -> np.ndarray:
+    out = values.copy()
+    out[rows] = values[rows.start]
+    return out
+
+
+def test_a_sound_log_is_not_flagged() -> None:
+    with case_table() as case:
+        for name, changed in (("fine", {}), ("coarse", {"step": 0.002}), ("at its least", {"least": 0.52})):
+            for seed in range(3):
+                with case(f"{name} {seed}"):
+                    assert found(flown(seed, **changed)) == []
+
+
+def test_a_command_that_stands_still_while_the_others_move_is_no_reading_there() -> None:
+    with case_table() as case:
+        for step in (0.0, 0.002):
+            for n in (1, 6):
+                with case(f"motor{n} in steps of {step}"):
+                    log = flown(step=step)
+                    log[f"motor{n}"] = held(log[f"motor{n}"], HELD)
+                    ((column, rows, why),) = found(log)
+                    assert column == f"motor{n}" and "repeats exactly" in why
+                    at = np.flatnonzero(rows)
+                    assert abs(at[0] - HELD.start) <= 2 and abs(at[-1] - HELD.stop + 1) <= 2
+
+
+def test_a_limit_that_is_reached_in_the_air_alone_may_hold_a_command() -> None:
+    log = flown(least=0.52)
+    assert any(np.sum(log[f"motor{n}"] == 0.52) > 20 for n in ROTORS)  # it is reached
+    log["motor2"] = held(log["motor2"], HELD)  # between its limits: no reading, though less is idled at
+    assert log["motor2"][HELD.start] > 0.52
+    assert [column for column, *_ in found(log)] == ["motor2"]
+
+
+def test_all_commands_at_once_are_no_readings_where_they_never_stand_still() -> None:
+    log = flown()
+    for n in ROTORS:
+        log[f"motor{n}"] = held(log[f"motor{n}"], HELD)
+    assert sorted(column for column, *_ in found(log)) == [f"motor{n}" for n in ROTORS]
+
+
+def test_a_command_that_is_late_is_told_by_how_much() -> None:
+    t = flown()["time_s"]
+    with case_table() as case:
+        for late in (-0.04, 0.02, 0.04, 0.15):
+            with case(f"{late}"):
+                log = flown()
+                log["motor5"] = np.interp(t - late, t, log["motor5"])
+                ((column, rows, why),) = found(log)
+                assert column == "motor5" and rows.all()
+                assert f"{1000 * abs(late):.0f} ms {'late' if late > 0 else 'early'}" in why
+
+
+def test_a_speed_that_stands_still_or_is_silent_is_no_reading() -> None:
+    with case_table() as case:
+        for name, value in (("stands still", 3000.0), ("silent", np.nan)):
+            with case(name):
+                log = flown()
+                log["rpm3"][1700:] = value
+                ((column, rows, why),) = found(log)
+                assert column == "rpm3" and why.endswith("the ESC is silent")
+                assert np.flatnonzero(rows)[0] == 1700
+        with case("once a second"):  # as rare ESCs report
+            log = flown()
+            log["rpm3"][np.arange(3000) % 50 > 0] = np.nan
+            assert found(log) == []
+        with case("never moves"):
+            log = flown()
+            log["rpm3"][:] = 3000.0
+            ((column, rows, _),) = found(log)
+            assert column == "rpm3" and rows[200:-200].all()
+
+
+def test_a_command_whose_zero_or_scale_changes_on_the_way_is_told() -> None:
+    t = flown()["time_s"]
+    with case_table() as case:
+        for factor, off in ((1.06, 0.0), (0.9, 0.0), (1.0, 0.02)):
+            with case(f"{factor}, {off}"):
+                log = flown()
+                log["motor5"] = np.where(t > 31.0, factor * log["motor5"] + off, log["motor5"])
+                ((column, rows, why),) = found(log)
+                assert column == "motor5" and rows.all() and "changes against the other commands" in why
+                assert abs(float(why.split()[1]) - 31.0) < 2.0
+
+
+def test_a_command_that_alone_is_rounded_is_told() -> None:
+    log = flown()
+    log["motor5"] = 0.01 * np.round(log["motor5"] / 0.01)
+    ((column, _, why),) = found(log)
+    assert column == "motor5" and "steps of 0.01" in why
