@@ -232,7 +232,7 @@ class _OneLine(logging.Handler):
             self.left -= 1
             why = record.exc_info[1] if record.exc_info else None
             said = plain_lines(str(why or record.getMessage())).strip().splitlines() or ["no request"]
-            more = "" if self.left else " (further ones are not told)"
+            more = "" if self.left else " (further ones are not shown)"
             sys.stderr.write(f"a malformed request was refused: {said[0][:WIDTH]}{more}\n")
             sys.stderr.flush()
 
