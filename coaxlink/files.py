@@ -72,11 +72,35 @@ def write_atomic(path: Path, content: str | bytes) -> None:
 
     Raises InputError when the place cannot be written, is no regular file, or was read by this verb.
     """
-    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
-    path = _target(path)
+    write_together({path: content})
+
+
+def write_together(contents: Mapping[Path, str | bytes]) -> None:
+    """Replace several files that are one thing: on any failure (a disk that fills) the old ones stay, all.
+
+    Raises InputError as `write_atomic`.
+    """
+    staged: list[tuple[Path, Path, Path]] = []
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        for path, content in contents.items():
+            data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+            target = _target(path)
+            staged.append((path, _staged(path, target, data), target))
+        for path, temporary, target in staged:
+            try:
+                temporary.replace(target)
+            except OSError as error:
+                raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+    finally:
+        for _, temporary, _ in staged:
+            temporary.unlink(missing_ok=True)
+
+
+def _staged(path: Path, target: Path, data: bytes) -> Path:
+    """`data` whole on the disk, under a name of its own beside `target`."""
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     except OSError as error:
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error
     try:
@@ -87,10 +111,12 @@ def write_atomic(path: Path, content: str | bytes) -> None:
         umask = os.umask(0)
         os.umask(umask)
         Path(name).chmod(0o666 & ~umask)
-        Path(name).replace(path)
-    except OSError as error:
+    except BaseException as error:
         Path(name).unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+    return Path(name)
 
 
 def refuse_unwritable(path: Path | None, inputs: Iterable[Path] = ()) -> None:
@@ -121,7 +147,12 @@ def write_json(path: Path, value: Mapping[str, Any]) -> None:
 
 def write_toml(path: Path, value: Mapping[str, Any]) -> None:
     """Write one TOML document atomically, its strings plain, so that `read_toml` takes it back."""
-    write_atomic(path, tomli_w.dumps(_plain(value)))
+    write_atomic(path, toml_text(value))
+
+
+def toml_text(value: Mapping[str, Any]) -> str:
+    """A TOML document, its strings plain, so that `read_toml` takes it back."""
+    return tomli_w.dumps(_plain(value))
 
 
 def _plain(value: Any) -> Any:

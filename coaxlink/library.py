@@ -79,11 +79,10 @@ class Table:
         return self._speeds(roll, pitch, yaw, thrust)
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write the files, each whole or not at all; their paths. Raises InputError."""
-        from coaxlink.files import write_atomic
+        """Write the files, all of them or none; their paths. Raises InputError."""
+        from coaxlink.files import write_together
 
-        for name, text in self.files.items():
-            write_atomic(Path(folder) / name, text)
+        write_together({Path(folder) / name: text for name, text in self.files.items()})
         return [Path(folder) / name for name in self.files]
 
     def __str__(self) -> str:

@@ -32,6 +32,9 @@ KEYS = (
     "sources",  # of the owner's numbers; the world's are the file's
     "defaults",  # of the owner's calls
 )
+# from the smallest toys (a Cheerson CX-10 has 12 g) to those that carry people (a VoloCity, 0.9 t)
+MASS_KG = (0.005, 2000.0)
+LAG_S = (0.0, 2.0)  # small motors have 10 to 100 ms, rotors of 2 m a few tenths; slower ones steer nothing
 ROTOR_KEYS = ("number", "position_m", "spin", "level", "pair", "axis")
 
 
@@ -78,8 +81,9 @@ def read_vehicle(path: Path) -> SimVehicle:
     rotor = document.get("rotor_model")
     mass = read_number(path, "mass_kg", document.get("mass_kg"))
     inertia = _vector(path, "inertia_kg_m2", document.get("inertia_kg_m2"))
-    if mass <= 0 or min(inertia) <= 0 or lag < 0:
-        raise WorldError(path, "mass_kg, inertia_kg_m2, motor_lag_s", "positive numbers are expected")
+    if min(inertia) <= 0:
+        raise WorldError(path, "inertia_kg_m2", "positive numbers are expected")
+    refuse_body(path, mass, lag)
     return SimVehicle(
         _name(path, document.get("name", path.stem)),
         mass,
@@ -92,6 +96,17 @@ def read_vehicle(path: Path) -> SimVehicle:
         lag,
         path.parent / rotor if isinstance(rotor, str) else None,
     )
+
+
+def refuse_body(path: Path, mass_kg: float, lag_s: float) -> None:
+    """Raises WorldError for what no multirotor has."""
+    for name, value, (low, high), what in (
+        ("mass_kg", mass_kg, MASS_KG, "kg"),
+        ("motor_lag_s", lag_s, LAG_S, "s from command to speed"),
+    ):
+        if not low <= value <= high:
+            problem = f"{value:g}: {low:g} to {high:g} {what} are expected of a multirotor"
+            raise WorldError(path, name, problem)
 
 
 def _name(path: Path, value: object) -> str:

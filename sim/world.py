@@ -23,7 +23,7 @@ from sim.physics.rotors import read_pair
 from sim.px4.coax_module import CoaxFirmware
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
-from sim.vehicle import SimVehicle, read_vehicle
+from sim.vehicle import SimVehicle, read_vehicle, refuse_body
 
 CURRENT = (1, 16, 1)
 OLDEST = (1, 13)  # before it there are no CA_ parameters
@@ -177,6 +177,9 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
     truth = Truth()
     if world.truth is not None:
         truth = read_truth(world.truth)
+        grown = {n: sum(e.size for e in truth.effects if e.name == n) for n in ("mass_change", "rotor_lag")}
+        mass, lag = vehicle.mass_kg + grown["mass_change"], vehicle.motor_lag_s + grown["rotor_lag"]
+        refuse_body(world.truth, mass, lag)
     elif world.hidden_seed is not None:
         truth = hidden_truth(world.hidden_seed, vehicle.rotors)
     if world.truth_out is not None:

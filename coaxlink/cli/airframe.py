@@ -9,6 +9,7 @@ import typer
 
 from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
 from coaxlink.cli.shared.shell import JsonOption, console, say
+from coaxlink.cli.upload import SystemOption
 from coaxlink.errors import CheckFailed, InputError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def airframe(
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Hold it against this board.")] = "",
     timeout: TimeoutOption = WAIT_S,
+    system: SystemOption = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw it from above, as .png, .svg or .pdf.")
     ] = None,
@@ -45,7 +47,9 @@ def airframe(
     frame = load_airframe(file)
     path = rotor or frame.rotor_model
     model = load_rotors(path) if path else None
-    board = layout_of_file(source) if source else layout_of_board(connect, timeout) if connect else None
+    board = (
+        layout_of_file(source, None, system) if source else layout_of_board(connect, timeout, system) if connect else None
+    )
     findings = report(frame, model, board, picture, json_file, differs=True)
     wrong = sum(f.severity == "error" for f in findings)
     if wrong:

@@ -9,7 +9,9 @@ import typer
 
 from coaxlink.cli.shared.completion import FIRMWARES, one_of
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
+from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import say
+from coaxlink.cli.upload import NewGeometryOption, SystemOption
 
 
 def bridge(
@@ -25,6 +27,8 @@ def bridge(
     back: Annotated[
         bool, typer.Option("--back", help="With --connect: take extras.txt off the card again.")
     ] = False,
+    new_geometry: NewGeometryOption = False,
+    system: SystemOption = None,
     hold_ms: Annotated[
         int, typer.Option(min=20, max=500, help="ArduPilot: on so much silence the matrix flies again.")
     ] = 100,
@@ -33,14 +37,15 @@ def bridge(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.errors import InputError
-    from coaxlink.live.onboard import ardupilot, description, px4
+    from coaxlink.live.geometry import refuse_other_vehicle
+    from coaxlink.live.onboard import ardupilot, card, description, px4
 
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
     if firmware != "px4" and (connect or back):
         raise InputError("--connect", "", "--firmware px4 is expected; for ArduPilot: coaxlink upload DIR")
     if back:
-        _take_off_the_card(connect)
+        _take_off_the_card(connect, system)
         return
     if firmware == "px4":
         vehicle, rotors = vehicle_of(airframe, rotor)
@@ -52,31 +57,24 @@ def bridge(
         about = description.board_vehicle(load_airframe(airframe))
         contents = ardupilot.script_files(about, hold_ms=hold_ms)
         following = f"coaxlink upload {out} --connect URL, a reboot, coaxlink mix"
-    for name, text in contents.items():
-        files.write_atomic(out / name, text)
+    files.write_together({out / name: text for name, text in contents.items()})
     if connect:
-        _put_on_the_card(connect, contents["etc/extras.txt"])
+        with vehicle_at(connect, system=system, station=True) as session:
+            for line in refuse_other_vehicle(session, load_airframe(airframe), new_geometry=new_geometry):
+                say(line)
+            card.put_extras(session, contents["etc/extras.txt"])
+        say(f"{card.PATH} is on the card: the module starts with the next boot")
         following = "restart the board, propellers off; coax_mixer status in its console says this vehicle"
     say("\n".join([*(str(out / name) for name in contents), f"next: {following}"]))
 
 
-def _put_on_the_card(url: str, text: str) -> None:
-    from coaxlink.live.onboard import card
-    from coaxlink.mavlink import connect
-
-    with connect(url, station=True) as session:
-        card.put_extras(session, text)
-    say(f"{card.PATH} is on the card: the module starts with the next boot")
-
-
-def _take_off_the_card(url: str) -> None:
+def _take_off_the_card(url: str, system: int | None) -> None:
     from coaxlink.errors import InputError
     from coaxlink.live.onboard import card
-    from coaxlink.mavlink import connect
 
     if not url:
         raise InputError("--back", "", "--connect URL is expected")
-    with connect(url, station=True) as session:
+    with vehicle_at(url, system=system, station=True) as session:
         was = card.remove_extras(session)
     gone = f"{card.PATH} is off the card" if was else f"there was no {card.PATH}"
     say(f"{gone}: PX4's own control allocator flies from the next boot on")

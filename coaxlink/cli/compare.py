@@ -17,6 +17,7 @@ from coaxlink.cli.shared.effects import (
 )
 from coaxlink.cli.shared.next import after_compare
 from coaxlink.cli.shared.shell import JsonOption, console, figure, say
+from coaxlink.cli.upload import SystemOption
 
 if TYPE_CHECKING:
     from coaxlink.mixer import Law
@@ -35,6 +36,7 @@ def compare(
     connect: Annotated[
         str, typer.Option(metavar="URL", help="Autopilot whose present table is weighed beside these.")
     ] = "",
+    system: SystemOption = None,
     every: Annotated[
         bool, typer.Option("--all", help="Every table and law, not the three that serve.")
     ] = False,
@@ -81,7 +83,7 @@ def compare(
     say_effects(vehicle)
     frame = vehicle.airframe
     load = table_views.load_shares(frame, light, heavy)
-    worths = table_views.weigh_tables(vehicle, load, connect)
+    worths = table_views.weigh_tables(vehicle, load, connect, system)
     shown = worths.rows if every or not worths.serving() else worths.serving()
     wrenches = envelope(frame, rows, seed=2)
     weighed = every or printed or report or json_file

@@ -78,7 +78,7 @@ def _about(path: Path) -> str:
     if path.suffix != ".toml":
         return _WHAT.get(path.suffix, "").format(path.name.partition(".")[0])
     lines = list(takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines()))
-    said = [line.removeprefix("#").strip() for line in lines]
-    said = said[1:] if said and said[0].startswith(_SAID_OF_ALL) else said
+    sentences = [line.removeprefix("#").strip() for line in lines]
+    sentences = sentences[1:] if sentences and sentences[0].startswith(_SAID_OF_ALL) else sentences
     # a sentence ends where the next begins: "18.5 x 6.3 in" and "eq. 17" go on
-    return re.split(r"(?<=\.) (?=[A-Z])", " ".join(said))[0]
+    return re.split(r"(?<=\.) (?=[A-Z])", " ".join(sentences))[0]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli.shared.line import address_of, introduced
+from coaxlink.cli.shared.line import address_of, vehicle_at
 from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.cli.shared.stand import at_a_terminal
 from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
@@ -76,7 +76,6 @@ def fly(
     from coaxlink.fly.limits import FlightLimits
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.plans import peaks, plan_of
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.station import hear_words
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
@@ -98,16 +97,10 @@ def fly(
         f"{most['radius_m']:.1f} m away at most, {most['speed_m_s']:.1f} m/s, {most['tilt_deg']:.0f} degrees"
     )
     try:
-        with (
-            open_session(
-                connect,
-                timeout_s=timeout,
-                target_system=system,
-                signing_key=signing_key,
-                record=None if dry_run else out / "flight.tlog",
-            ) as line,
-            introduced(line) as session,
-        ):
+        record = None if dry_run else out / "flight.tlog"
+        with vehicle_at(
+            connect, timeout_s=timeout, system=system, signing_key=signing_key, record=record
+        ) as session:
             hear_words(session)
             pilot = Pilot(session, limits)
             pilot.check(planned)
@@ -122,7 +115,7 @@ def fly(
                 console().print("checked: it would fly; nothing was armed")
                 return
             _confirm(yes, session.identity.name)
-            _record(session, before is None)
+            _record(session, log, before is not None)
             try:
                 _in_the_air(pilot, planned, flown, split)
             except OverLimit:
@@ -149,6 +142,7 @@ def fly(
         say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
 
 
+TOLD_S, TOLD = 5.0, 0.1  # a log that takes longer is told of, at each such share
 SAID = 1.1  # times as far as asked: less is no news
 _PLACE = Path("flight")  # where flights lie, each in a folder of its time
 
@@ -234,14 +228,15 @@ def _confirm(yes: bool, name: str) -> None:
         raise SafetyRefusal("not confirmed, nothing was armed")
 
 
-def _record(session: Session, all_of_it: bool) -> None:
-    """Where the autopilot serves no log the telemetry is the log: ask for all that refine needs."""
-    from coaxlink.studies.flight import STREAMS
+def _record(session: Session, wanted: bool, served: bool) -> None:
+    """Where no log comes down the telemetry is the log: ask for all that refine needs."""
+    from coaxlink.studies.flight import AP_STREAMS, STREAMS
 
-    if not all_of_it:
+    if wanted and served:
         return
-    say("it serves no log: its telemetry is recorded instead, as fast as the line lets it through")
-    for number, rate in STREAMS.items():
+    why = "it serves no log" if wanted else "--no-log"
+    say(f"{why}: its telemetry is recorded instead, as fast as the line lets it through")
+    for number, rate in (AP_STREAMS if session.identity.is_ardupilot else STREAMS).items():
         session.request_stream(number, rate)
 
 
@@ -264,9 +259,18 @@ def _bring_down(logs: Logs, out: Path, before: list[Any] | None) -> dict[str, An
     """The autopilot's log into `out`; without one, why not, said."""
     from coaxlink.errors import CheckFailed
 
+    began, told = time.monotonic(), [0.0]
+
+    def coming(share: float, size: int) -> None:
+        status.update(f"log, {100 * share:.0f} % of {size / 1e6:.1f} MB")
+        if time.monotonic() - began > TOLD_S and share - told[0] >= TOLD:  # a short one is no news
+            told[0] = share
+            left = (time.monotonic() - began) * (1.0 - share) / share
+            say(f"log: {100 * share:.0f} % of {size / 1e6:.1f} MB, {left:.0f} s to go")
+
     with talk().status("fetching the log") as status:
         try:
-            got = logs.fetch(out, before, lambda share: status.update(f"log, {100 * share:.0f} %"))
+            got = logs.fetch(out, before, coming)
         except CheckFailed as error:
             say(f"no log from the autopilot: {error}")
             return {"log": None, "why_no_log": str(error)}
@@ -290,10 +294,13 @@ def _usable(out: Path, found: dict[str, Any]) -> Path:
 
 def _refine(path: Path, airframe: Path, rotor: Path | None, out: Path) -> None:
     from coaxlink.cli.refine import refine
-    from coaxlink.errors import CheckFailed
+    from coaxlink.errors import CheckFailed, InputError
 
     model, answer = out / "rotor_refined.toml", out / "refine.json"
     try:
         refine([path], airframe=airframe, rotor=rotor, out=model, json=answer)
-    except CheckFailed as unjudged:  # the flight was flown and its log is here: that much was asked for
+    except (
+        CheckFailed,
+        InputError,
+    ) as unjudged:  # the flight was flown and its log is here: that much was asked for
         say(str(unjudged))

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
-from coaxlink.cli.shared.flight_logs import SystemOfLogOption
 from coaxlink.cli.shared.shell import JsonOption, say
+from coaxlink.cli.upload import SystemOption
 from coaxlink.errors import CheckFailed, InputError
 from firmware_params.plain import name_problem
 
@@ -42,7 +42,7 @@ def init(
         Path | None, typer.Option(metavar="LUA", help="With --from: the matrix script of FRAME_CLASS 15.")
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Read it from this board.")] = "",
-    system: SystemOfLogOption = None,
+    system: SystemOption = None,
     timeout: TimeoutOption = WAIT_S,
     arm: Annotated[
         float | None, typer.Option(metavar="M", help="Centre to rotor, where the source holds no lengths.")
@@ -131,7 +131,9 @@ def _layout(
         )
     if template:
         return setup.template(template)
-    return layout_of_file(source, script, system) if source else layout_of_board(connect, timeout_s)
+    if source:
+        return layout_of_file(source, script, system)
+    return layout_of_board(connect, timeout_s, system)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

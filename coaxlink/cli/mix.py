@@ -11,10 +11,10 @@ import typer
 
 from coaxlink.cli.shared.completion import laws
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
-from coaxlink.cli.shared.line import address_of, introduced, tell_news
+from coaxlink.cli.shared.line import address_of, tell_news, vehicle_at
 from coaxlink.cli.shared.next import unanswered
-from coaxlink.cli.shared.shell import JsonOption, figure, say
-from coaxlink.cli.upload import SigningOption, SystemOption, VehicleConnectOption
+from coaxlink.cli.shared.shell import JsonOption, figure, say, talk
+from coaxlink.cli.upload import NewGeometryOption, SigningOption, SystemOption, VehicleConnectOption
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.mixer_core import live_law
     from coaxlink.live.record import LiveRecord
     from coaxlink.mavlink import Session
     from coaxlink.vehicle import Vehicle
@@ -60,6 +61,7 @@ def mix(
     lost: Annotated[
         float, typer.Option(min=1, metavar="S", help="So long without a word of the vehicle: exit code 3.")
     ] = LOST_S,
+    new_geometry: NewGeometryOption = False,
     system: SystemOption = None,
     signing_key: SigningOption = None,
     json_file: JsonOption = None,
@@ -68,11 +70,11 @@ def mix(
 
     Arming stays with the pilot. Begin with `coaxlink motors`, then --dry-run.
     """
-    from coaxlink import files, mixer
+    from coaxlink import files
+    from coaxlink.live.geometry import refuse_other_vehicle
     from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.live.paths import may_be_bridged, own_curve
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
     where = address_of(connect, airframe)
@@ -80,16 +82,16 @@ def mix(
     vehicle, _ = vehicle_of(airframe, rotor, measured_live=True)  # the rest is measured in flight
     say_effects(vehicle)
     frame = vehicle.airframe
-    chosen = mixer.make_law(law, vehicle)
-    # the first call compiles, or fills caches: never in flight
-    chosen.speeds([GRAVITY_M_S2 * frame.mass_kg, 0.0, 0.0, 0.0])
+    with talk().status(f"preparing the {law} law (compiled once for a release)"):
+        chosen = live_law(law, vehicle)
+    if not getattr(chosen, "compiled", True):
+        say("numba is not installed: a demand that jumps out of reach is answered 0.1 s late, on a Pi later")
     log = record / "mix.tlog" if record else None
-    with (
-        open_session(where, target_system=system, signing_key=signing_key, record=log) as line,
-        introduced(line) as session,
-    ):
+    with vehicle_at(where, system=system, signing_key=signing_key, record=log) as session:
         alone(session)
         _require_path(session)
+        for line in refuse_other_vehicle(session, frame, new_geometry=new_geometry):
+            say(line)
         live_record = _record(record, vehicle, law)
         live = LiveMixer(
             session, vehicle, chosen, rate_hz=rate, dry_run=dry_run, witness=witness, record=live_record,

@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli.shared.flight_logs import SystemOfLogOption
+from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.options import by_option
 from coaxlink.cli.shared.shell import JsonOption, console, say
+from coaxlink.cli.upload import SystemOption
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -44,7 +47,6 @@ def monitor(
     replay: Annotated[
         Path | None, typer.Option("--replay", metavar="FILE", help="Play a tlog, ULog or .bin instead.")
     ] = None,
-    system: SystemOfLogOption = None,
     speed: Annotated[
         float, typer.Option("--speed", min=0.02, max=1000.0, help="Of --replay, times real time.")
     ] = 1.0,
@@ -58,6 +60,7 @@ def monitor(
         int, typer.Option("--port", min=1, max=65535, help="Of --web, on 127.0.0.1 only.")
     ] = 8000,
     once: Annotated[bool, typer.Option("--once", help="No screen: print one look and leave.")] = False,
+    system: SystemOption = None,
     seconds: Annotated[
         float, typer.Option("--seconds", min=0.2, max=3600.0, help="How long --once and --json listen.")
     ] = 4.0,
@@ -82,7 +85,7 @@ def monitor(
         watch = Watch(player.heard, vehicle, str(replay), _against(player, vehicle))
     if once or json is not None:
         if player is None:
-            _show(_look_once(watch, seconds), json)
+            _show(_look_once(watch, seconds, system), json)
         else:
             from coaxlink.monitor.screen.words import replay_words
 
@@ -99,7 +102,7 @@ def monitor(
         from coaxlink.errors import InputError
 
         raise InputError("monitor", "", "the screen needs a terminal; without one use --once or --json FILE")
-    _screen(watch, player)
+    _screen(watch, player, system)
 
 
 def _serve(port: int, url: str | None) -> None:
@@ -128,7 +131,9 @@ def _serve(port: int, url: str | None) -> None:
 def _player(path: Path, system: int | None, speed: float, start_s: float) -> Player:
     from coaxlink.monitor.incoming.recording import Player, load_recording
 
-    return Player(load_recording(path, system), speed=speed, start_s=start_s)
+    recording = load_recording(path, system)
+    recording.notes = tuple(map(by_option, recording.notes))
+    return Player(recording, speed=speed, start_s=start_s)
 
 
 def _against(player: Player, vehicle: Vehicle) -> tuple[Reason, ...]:
@@ -153,8 +158,8 @@ def _vehicle(airframe_path: Path | None, rotor_path: Path | None) -> Vehicle:
     return vehicle
 
 
-def _screen(watch: Watch, player: Player | None) -> None:
-    from coaxlink.monitor.incoming.link import LinkThread
+def _screen(watch: Watch, player: Player | None, system: int | None) -> None:
+    from coaxlink.monitor.incoming.link import LinkThread, connect_to
     from coaxlink.monitor.screen.app import Monitor
 
     shown: dict[str, Any] = {"saves": not _SERVED}
@@ -168,7 +173,7 @@ def _screen(watch: Watch, player: Player | None) -> None:
 
         Monitor(played, player=player, **shown).run()
         return
-    link = LinkThread(watch.heard, watch.address)
+    link = LinkThread(watch.heard, watch.address, open_session=partial(connect_to, system=system))
     link.start()
     try:
         Monitor(watch.look, trouble=lambda: link.failure, **shown).run()
@@ -190,12 +195,15 @@ def _end_with(server: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _look_once(watch: Watch, seconds: float) -> Moment:
+def _look_once(watch: Watch, seconds: float, system: int | None) -> Moment:
     from coaxlink.monitor.incoming.link import Streams, begin, connect_to
     from coaxlink.monitor.incoming.table_reader import TableReader
 
     end = time.monotonic() + seconds
-    with connect_to(watch.address, max(seconds, 3.0)) as session:
+    with (
+        connect_to(watch.address, max(seconds, 3.0), system) as line,
+        introduced(line) as session,
+    ):
         begin(watch.heard, session)
         session.wait((), min(1.2, seconds / 2))
         Streams(watch.heard, session).request_missing()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import address_of, introduced
+from coaxlink.cli.shared.line import address_of, vehicle_at
 from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
@@ -46,7 +46,6 @@ def motors(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.live.motor_test import mending, turn_motors
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
     from coaxlink.mavlink.parameters import Parameters
 
@@ -54,12 +53,9 @@ def motors(
         files.refuse_unwritable(output)
     frame = load_airframe(airframe)
     connect = address_of(connect, airframe)
-    with (
-        open_session(
-            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
-        ) as line,
-        introduced(line) as session,
-    ):
+    with vehicle_at(
+        connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
+    ) as session:
         alone(session)
         if _answer(f"Are all propellers off? Type: {_OFF}: ") != _OFF:
             raise SafetyRefusal("motors are tested with the propellers off")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import JsonOption
 from coaxlink.cli.upload import (
     BackupOption,
@@ -45,7 +45,6 @@ def restore(
     """
     from coaxlink import files
     from coaxlink.errors import InputError
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.backup import read_backup
     from coaxlink.uploading.worker import Uploader
 
@@ -57,12 +56,9 @@ def restore(
         )
     files.refuse_unwritable(json_file)
     saved = read_backup(backup)
-    with (
-        open_session(
-            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
-        ) as line,
-        introduced(line) as session,
-    ):
+    with vehicle_at(
+        connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
+    ) as session:
         talk = conversation(yes or dry_run)
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.restore(saved, dry_run=dry_run, everything=everything)

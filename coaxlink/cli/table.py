@@ -21,9 +21,11 @@ from coaxlink.cli.shared.effects import (
     say_effects,
     vehicle_of,
 )
+from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.next import WEAK
-from coaxlink.cli.shared.rate_loops import forget_vehicle, keep_vehicle
+from coaxlink.cli.shared.rate_loops import forget_vehicle, vehicle_files
 from coaxlink.cli.shared.shell import JsonOption, say
+from coaxlink.cli.upload import SystemOption
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
@@ -56,6 +58,7 @@ def table(
     connect: Annotated[
         str, typer.Option(metavar="URL", help="Hold it against the table on this board.")
     ] = "",
+    system: SystemOption = None,
     frame_class: Annotated[int, typer.Option(help="ArduPilot: 15 scripting, 17 dynamic matrix.")] = 15,
     spin_min: Annotated[
         float | None,
@@ -99,7 +102,7 @@ def table(
     if "degraded_rotor" in vehicle.compensated and not around_weak_rotor:
         raise SafetyRefusal(f"{path.name}: a rotor is weak: {WEAK} (--around-weak-rotor: a table around it)")
     with _naming(path):
-        board, matrix = _present(firmware, connect)
+        board, matrix = _present(firmware, connect, system)
         spin = _spin(firmware, spin_min, board)
 
         def reported(law: str, fit: FittedTable | None) -> TableReport | ApReport:
@@ -183,20 +186,21 @@ def _spin(firmware: str, spin_min: float | None, board: Mapping[str, float | int
     return _Spin(SPIN_MIN if spin_min is None else spin_min, 1.0)
 
 
-def _present(firmware: str, url: str) -> tuple[Mapping[str, float | int], ApTable | None]:
+def _present(firmware: str, url: str, system: int | None) -> tuple[Mapping[str, float | int], ApTable | None]:
     """The parameters on the board at `url` and, of ArduPilot, its table; nothing without a `url`."""
     from coaxlink.uploading.beside import present_ap, present_px4
 
     if not url:
         return {}, None
-    return (present_px4(url), None) if firmware == "px4" else present_ap(url)
+    with vehicle_at(url, system=system) as session:
+        return (present_px4(session), None) if firmware == "px4" else present_ap(session)
 
 
 def _write(out: Path, vehicle: Vehicle, rotors: Path, report: TableReport | ApReport) -> list[str]:
     """The files of the table, and a copy of the vehicle that it was made from."""
     from coaxlink.tables.files import write_table
 
-    forget_vehicle(out)
-    written = write_table(out, vehicle.airframe, rotors, report)
-    keep_vehicle(out, vehicle, rotors)
+    made_of = vehicle_files(vehicle, rotors)
+    written = write_table(out, vehicle.airframe, rotors, report, made_of)
+    forget_vehicle(out, made_of)
     return written

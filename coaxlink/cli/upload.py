@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import address_of, introduced
+from coaxlink.cli.shared.line import address_of, typed_again, vehicle_at
 from coaxlink.cli.shared.next import after_upload
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
@@ -28,10 +29,13 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writin
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show the difference and write nothing.")]
 TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long to wait for the vehicle.")]
 SystemOption = Annotated[
-    int | None, typer.Option(metavar="ID", help="System id, if several are on the line.")
+    int | None, typer.Option(metavar="ID", help="System id, where several are heard or recorded.")
 ]
 SigningOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="MAVLink 2 signing key, mode 600; both sides must sign.")
+]
+NewGeometryOption = Annotated[
+    bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
 ]
 BackupOption = Annotated[Path, typer.Option(metavar="DIR", help="Where backups go.")]
 
@@ -48,9 +52,7 @@ def upload(
     system: SystemOption = None,
     signing_key: SigningOption = None,
     backup_dir: BackupOption = Path("backups"),
-    new_geometry: Annotated[
-        bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
-    ] = False,
+    new_geometry: NewGeometryOption = False,
     spin_from_table: Annotated[
         bool,
         typer.Option("--spin-from-table", help="ArduPilot: also MOT_SPIN_*, else as tuned on board."),
@@ -66,7 +68,6 @@ def upload(
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
     from coaxlink.cli.shared.rate_loops import kept_airframe, said_first
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.outcome import REFUSED, VERIFIED, Outcome
     from coaxlink.uploading.plan import load_plan, refuse_values
     from coaxlink.uploading.worker import Uploader
@@ -80,15 +81,12 @@ def upload(
         refuse_values(plan.firmware, plan.params, plan.files[0])
     except SafetyRefusal as error:
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
-    with (
-        open_session(
-            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
-        ) as line,
-        introduced(line) as session,
-    ):
-        talk = replace(
-            conversation(yes or dry_run), present=said_first(source, plan, spin_from_table=spin_from_table)
-        )
+    with vehicle_at(
+        connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
+    ) as session:
+        doubts: list[str] = []
+        present = said_first(source, plan, doubts, spin_from_table=spin_from_table)
+        talk = replace(conversation(yes or dry_run, doubts), present=present)
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.upload(
             plan,
@@ -100,17 +98,17 @@ def upload(
         )
     finish(outcome, json_file)
     if outcome.result == VERIFIED:
-        say(after_upload(source, connect))
+        say(after_upload(source, typed_again(connect, system)))
 
 
-def conversation(yes: bool) -> Talk:
-    """Differences on stdout, talk on stderr, and a question unless `yes`."""
+def conversation(yes: bool, doubts: Sequence[str] = ()) -> Talk:
+    """Differences on stdout, talk on stderr, and a question unless `yes`; `doubts` are part of it."""
     from coaxlink.uploading.outcome import Talk
 
     def ask() -> bool:
         if yes:
             return True
-        say("write this to the vehicle? [y/N]")
+        say(f"write this to the vehicle{', its other yaw gain too' if doubts else ''}? [y/N]")
         return sys.stdin.readline().strip().lower() in ("y", "yes")
 
     return Talk(say=say, difference=show, confirm=ask)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.line import address_of, introduced
+from coaxlink.cli.shared.line import address_of, typed_again, vehicle_at
 from coaxlink.cli.shared.next import after_verify
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.cli.upload import SigningOption, SystemOption, TimeoutOption, VehicleConnectOption
@@ -27,7 +27,6 @@ def verify(
     """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
     from coaxlink import files
     from coaxlink.cli.shared.rate_loops import kept_airframe
-    from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.outcome import value_text
     from coaxlink.uploading.plan import load_plan
     from coaxlink.uploading.verify import verify as check
@@ -37,16 +36,13 @@ def verify(
     plan = load_plan(source) if source else None
     for note in plan.notes if plan else ():
         say(f"note: {note}")
-    with (
-        open_session(
-            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
-        ) as line,
-        introduced(line) as session,
-    ):
+    with vehicle_at(
+        connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
+    ) as session:
         result = check(session, plan)
     if json_file:
         files.write_json(json_file, result.to_json())
-    out = console()
+    out, again = console(), typed_again(connect, system)
     for wrong in result.mismatches:
         found, wanted = (value_text(wrong["name"], wrong[k]) for k in ("found", "wanted"))
         since = f" (written by the upload or restore of {wrong['written']})" if wrong.get("written") else ""
@@ -65,10 +61,10 @@ def verify(
             f"the upload of {result.interrupted} did not end: upload again, or restore its backup"
         )
     if result.mismatches:
-        say(after_verify(False, source, connect))
+        say(after_verify(False, source, again))
         raise CheckFailed(f"{result.counts()} differ from {result.source}")
     if result.unflown:
-        say(after_verify(False, source, connect))
+        say(after_verify(False, source, again))
         raise CheckFailed(f"the table is written, but the board does not fly it: {result.unflown}")
     out.print(f"verified: {result.checked} values as in {result.source}")
-    say(after_verify(True, source, connect))
+    say(after_verify(True, source, again))

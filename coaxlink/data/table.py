@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from coaxlink import files
 from coaxlink.data.layout import COMMENTS, HEAD, Row, TableLayout, find_layout, layout_of, split, stripped
 from coaxlink.data.lines import Line, Progress, read_lines
+from coaxlink.data.marks import refuse_foreign
 from coaxlink.data.sheet import is_sheet, read_sheet
 from coaxlink.errors import InputError
 from firmware_params import bounded
@@ -96,6 +97,7 @@ def read_headings(path: Path, sheet: str | None = None) -> tuple[str, ...]:
     """The headings alone, from the first lines. Raises InputError."""
     if is_spreadsheet(path):
         return read_table(path, sheet=sheet).headings
+    refuse_foreign(path)
     return find_layout(path, _head(read_lines(path))[:FIRST]).headings
 
 
@@ -107,6 +109,7 @@ def read_table(path: Path, progress: Progress | None = None, sheet: str | None =
         body = _Body(path, layout)
         body.take_rows(row for row in rows if row[0] >= layout.first_line)
         return body.table((f"sheet '{name}'",))
+    refuse_foreign(path)
     pieces = read_lines(path, progress)
     head = _head(pieces)
     layout = find_layout(path, head[:FIRST])

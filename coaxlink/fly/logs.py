@@ -29,7 +29,7 @@ SETTLES_S = 60.0  # ArduPilot writes 15 s of its own time more after disarming; 
 CRC_S = 30.0  # of wall time: a board reads a long log at a megabyte a second and more
 FOLDERS = ("/fs/microsd/log", "/log", "/APM/LOGS", "/logs")  # boards and simulations of PX4, of ArduPilot
 DIFFERS = "differs"
-Progress = Callable[[float], None]
+Progress = Callable[[float, int], None]  # share of the log that is here, its bytes
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Logs:
         def heard(result: Any, data: Any, *_: Any) -> None:
             moved[0] = time.monotonic()
             if result == LogFilesResult.NEXT:
-                progress(float(data.progress))
+                progress(float(data.progress), int(entry.size_bytes))
                 return
             results.append(result)
             done.set()

@@ -60,7 +60,7 @@ def board_factors(session: Session) -> list[list[float]]:
         if frame[0] == SCRIPTING_MATRIX:
             given = scripts.script_factors(_script_on_board(session))
         elif frame[0] == DYNAMIC_MATRIX:
-            given = scripts.params_factors(_loader_parameters(parameters))
+            given = scripts.params_factors(loader_parameters(parameters))
         elif frame[0] not in (OCTAQUAD, Y6):
             raise TableError("the bridge is known to work on 4 (octaquad), 5 (Y6), 15 and 17")
         factors = used_factors(ApTable(frame[0], given, frame_type=frame[1]))
@@ -129,7 +129,8 @@ def _script_on_board(session: Session) -> str:
     raise TableError(f"no {scripts.MATRIX_NAME} on board")
 
 
-def _loader_parameters(parameters: Parameters) -> dict[str, float]:
+def loader_parameters(parameters: Parameters) -> dict[str, float]:
+    """The table that the loader script holds, by its parameters' names."""
     prefix = scripts.PREFIX
     count = parameters.read_many([f"{prefix}N"], missing_ok=True).get(f"{prefix}N")
     motors = min(max(int(count.value), 0), scripts.MAX_LOADER_MOTORS) if count else 0

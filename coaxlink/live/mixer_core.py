@@ -108,6 +108,17 @@ class MatrixScale(ToldScale):
         super().__init__(per_motor @ np.asarray(factors, float))
 
 
+def live_law(name: str, vehicle: Vehicle) -> Law:
+    """A law that never keeps the loop waiting: of the exact one the compiled form, where numba is there.
+
+    Where a demand jumps out of reach it looks all round: 0.4 ms compiled, 50 to 100 ms in plain Python. The
+    first call compiles or fills caches (seconds, once for a release), so it is made here and never in flight.
+    """
+    law = make_law(name, vehicle, **({"compiled": None} if name == "exact" else {}))
+    law.speeds([GRAVITY_M_S2 * vehicle.airframe.mass_kg, 0.0, 0.0, 0.0])
+    return law
+
+
 class MixCore:
     """Demand in, commands out: what `LiveMixer` runs and tests drive by hand."""
 
@@ -135,7 +146,7 @@ class MixCore:
         self._standard = standard_coefficients(vehicle.model, of_commands=True)
         self.scale = DemandScale(airframe, self._standard, own_curve)
         self.vehicle, self.compensation = vehicle, compensation
-        self.law = make_law(law, vehicle) if isinstance(law, str) else law
+        self.law = live_law(law, vehicle) if isinstance(law, str) else law
         self.rotors = PlainRotors.of(vehicle)
         self.edge = Edge.of(vehicle)
         self.board_turns = False  # whether the board makes commands of nominal speeds itself: its module does

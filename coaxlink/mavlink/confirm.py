@@ -35,12 +35,13 @@ def confirm(session: Session, *, alone: bool = True) -> None:
 
 
 def alone(session: Session) -> None:
-    """Returns when no other vehicle uses the same ids here; one in the air is not kept waiting.
+    """Returns when no other vehicle could be meant here; one in the air is not kept waiting.
 
     Raises SafetyRefusal.
     """
     if not session.armed:
         _listen(session)
+    session.refuse_several(0.0 if session.armed else TWO_BEATS_S)
     session.bound.refuse_others()
 
 

@@ -57,9 +57,20 @@ class Identity:
     @property
     def name(self) -> str:
         """Firmware and version in words, e.g. "PX4 1.16.1"."""
-        known = {mavlink.MAV_AUTOPILOT_PX4: "PX4", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
-        firmware = known.get(self.autopilot, f"autopilot {self.autopilot}")
+        firmware = kind_name(self.autopilot)
         return f"{firmware} {'.'.join(map(str, self.version))}" if self.version else firmware
+
+
+def kind_name(autopilot: int) -> str:
+    """A MAV_AUTOPILOT in words."""
+    known = {mavlink.MAV_AUTOPILOT_PX4: "PX4", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+    return known.get(autopilot, f"autopilot {autopilot}")
+
+
+def type_name(kind: int) -> str:
+    """A MAV_TYPE in words."""
+    known = mavlink.enums["MAV_TYPE"].get(kind)
+    return known.name.removeprefix("MAV_TYPE_").lower() if known else f"type {kind}"
 
 
 def version_request(target: Identity) -> Any:

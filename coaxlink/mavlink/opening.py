@@ -32,13 +32,14 @@ def connect(
 ) -> Session:
     """Open a line and wait for an autopilot's heartbeat.
 
-    `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
+    `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line,
+    and is needed where there are several.
     With `signing_key` (a file of mode 600) both sides must sign. A `station` is a ground station, no
     companion: PX4 says its texts only to one, and misses one that falls silent in flight. `transport` is a
     line that is open already (in tests one in memory, on their own `clock`); then `url` is only its name.
-    Raises InputError for a bad
-    address, LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that
-    does not sign with this key, or signs and answers nobody without one (with `listen_only` that is borne).
+    Raises InputError for a bad address, LinkError when no autopilot is heard within `timeout_s`,
+    SafetyRefusal when one is heard that does not sign with this key, or signs and answers nobody without one
+    (with `listen_only` that is borne), or where several are heard and none was named.
     """
     if not 0.0 < timeout_s < math.inf:
         raise InputError("`timeout_s`", "", f"seconds above 0 are expected, found {timeout_s:g}")
@@ -59,6 +60,7 @@ def connect(
         session.reopen = lambda: open_transport(address, 0.0)
     try:
         session.start(timeout_s)
+        session.refuse_several()
         if not listen_only:
             session.refuse_unheard()
     except BaseException:

@@ -25,6 +25,7 @@ __all__ = ["FLOAT", "Number", "Parameters", "Snapshot", "Value"]
 HASH = "_HASH_CHECK"
 _NO_INDEX = 65535
 _WINDOW = 20  # requests in the air at a time
+_ROUND = 10  # names a round: ArduPilot keeps 20 requests, and drops what comes on top (GCS_Param.cpp)
 _FEW_GAPS = 0.12  # of the list; with more missing the whole list is quicker than its parts
 _BEAT_S = 1.5  # autopilots send their heartbeat every second
 _ANSWERS = ("PARAM_VALUE", "PARAM_ERROR")
@@ -62,6 +63,7 @@ class Parameters:
         self._timeout_s = timeout_s
         self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
         self.bytewise = is_bytewise(session.identity.autopilot, session.identity.capabilities)
+        self._listed: frozenset[str] | None = None  # the names in the board's whole list, once it was read
         self.again = 0  # asked or written again for another reason than silence
 
     @property
@@ -86,32 +88,90 @@ class Parameters:
     def read_many(self, names: Iterable[str], *, missing_ok: bool = False) -> dict[str, Value]:
         """Several parameters, a window of requests at a time; gaps are requested again.
 
-        Unknown names raise InputError, or are left out with `missing_ok`. Raises LinkError when the
-        vehicle falls silent altogether.
+        Unknown names raise InputError, or are left out with `missing_ok`. That a name is unknown is the
+        board's own word: PARAM_ERROR, or the end of its whole list and silence between answers. Raises
+        LinkError when the vehicle falls silent altogether.
         """
         wanted = list(dict.fromkeys(names))
+        found, silent = self._asked(wanted)
+        if silent:
+            found |= self._listed_or_hidden(silent)
+        unknown = next((name for name in wanted if name not in found), None)
+        if unknown is not None and not missing_ok:
+            why = "it is not in its list" if unknown in silent else "it does not exist"
+            raise InputError(unknown, "", f"the vehicle has no such parameter ({why})")
+        return {name: found[name] for name in wanted if name in found}
+
+    def answering(self, names: Iterable[str]) -> dict[str, Value]:
+        """Those that answer within an ordinary time; of the others nothing is known. Raises LinkError."""
+        return self._asked(list(dict.fromkeys(names)))[0]
+
+    def forget_list(self) -> None:
+        """After a restart other parameters may be there."""
+        self._listed = None
+
+    def _asked(self, wanted: Sequence[str]) -> tuple[dict[str, Value], list[str]]:
+        """Values by name, and the names that got no answer. Raises LinkError when all is silent."""
         found: dict[str, Value] = {}
-        refused: dict[str, str] = {}
+        absent: set[str] = set()
         requests = {name: lambda name=name: self._request(name) for name in wanted}
+        left = self._asker.gather(requests, _ANSWERS, self._take_into(found, absent), patience=2.0)
+        silent = [name for name in left if name not in found and name not in absent]
+        if silent:
+            self._require_link(f"no answer for {silent[0]}")
+            if not found and not absent:
+                self._require_answers()
+        return found, silent
+
+    def _listed_or_hidden(self, silent: Sequence[str]) -> dict[str, Value]:
+        """Of names that were not answered those that the board has: in its list, or hidden from it.
+
+        What is hidden answers to its name. It is asked in rounds, each with a request behind it that every
+        board answers, and boards answer in order: so slow a board or a line is no silence. Raises LinkError.
+        """
+        found: dict[str, Value] = {}
+        absent: set[str] = set()
+        if self._listed is None:
+            values = self.read_all().values
+            found |= {name: values[name] for name in silent if name in values}
+        for _ in range(self._asker.tries()):
+            left = [name for name in silent if name not in found and name not in absent]
+            for at in range(0, len(left), _ROUND):
+                self._round(left[at : at + _ROUND], found, absent)
+        unheard = [name for name in silent if name in (self._listed or ()) and name not in found]
+        if unheard:
+            raise LinkError(self._session.address, f"no answer for {unheard[0]}, which the vehicle has")
+        return found
+
+    def _round(self, names: Sequence[str], found: dict[str, Value], absent: set[str]) -> None:
+        take = self._take_into(found, absent)
+
+        def request() -> Message:
+            for name in names:
+                self._session.send(self._request(name))
+            return self._request_index(0)
+
+        def settle(message: Message) -> int | None:
+            take(message)
+            return 0 if message.get_type() == "PARAM_VALUE" and message.param_index == 0 else None
+
+        if self._asker.gather({0: request}, _ANSWERS, settle):
+            raise LinkError(self._session.address, f"no answer for {names[0]}, nor for what every board has")
+
+    def _take_into(self, found: dict[str, Value], absent: set[str]) -> Callable[[Message], str | None]:
+        """What sorts answers to names: the name that one settles, None for one that says neither."""
 
         def settle(message: Message) -> str | None:
             name = str(message.param_id)
-            if message.get_type() == "PARAM_ERROR":
-                refused[name] = _error_text(message.error)
-            else:
+            if message.get_type() == "PARAM_VALUE":
                 found[name] = self.decode(message)
+            elif message.error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST:
+                absent.add(name)
+            else:  # it is there and cannot be read just now
+                return None
             return name
 
-        left = self._asker.gather(requests, _ANSWERS, settle, patience=2.0)
-        unknown = [name for name in wanted if name not in found]
-        if unknown and left:
-            self._require_link(f"no answer for {unknown[0]}")
-            if not found and not refused:
-                self._require_answers()
-        if unknown and not missing_ok:
-            why = refused.get(unknown[0], "it does not answer for this name, though it is alive")
-            raise InputError(unknown[0], "", f"the vehicle has no such parameter ({why})")
-        return {name: found[name] for name in wanted if name in found}
+        return settle
 
     def read_all(self, *, progress: Callable[[int, int], None] | None = None) -> Snapshot:
         """Every parameter; what the list lost is read again. Raises LinkError when gaps remain.
@@ -120,7 +180,10 @@ class Parameters:
         """
         listing = _Listing()
         with self._session.listen(("PARAM_VALUE",)) as inbox:
-            for _ in range(self._asker.tries()):
+            clock = self._session.clock
+            tries, end = self._asker.tries(), clock.monotonic() + LOST_S
+            while tries > 0 or (not listing.count and clock.monotonic() < end):  # a busy board begins late
+                tries -= 1
                 self._list_once(inbox, listing, progress)
                 if not listing.count:
                     self.again += 1
@@ -129,6 +192,9 @@ class Parameters:
                     break
         if not listing.count:
             raise LinkError(self._session.address, "no answer to the request for all parameters")
+        if len(listing.gaps) > _FEW_GAPS * listing.count:
+            came = f"of the {listing.count} parameters that it says it has {len(listing.by_index)} came"
+            raise LinkError(self._session.address, f"{came}, however often the list was requested")
         if gaps := listing.gaps:
             self.again += len(gaps)
             self._read_indices(gaps, listing.by_index)
@@ -142,6 +208,7 @@ class Parameters:
             raise LinkError(
                 self._session.address, "the parameters changed places while they were read: try again"
             )
+        self._listed = frozenset(values)
         return Snapshot(values, listing.hash)
 
     def _list_once(
@@ -167,23 +234,19 @@ class Parameters:
                 quiet_s = min(max(40.0 * (clock.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
                 if progress:
                     progress(len(listing.by_index), listing.count)
-            if listing.count and not listing.gaps:
+            if 0 < listing.count <= len(listing.by_index):
                 return
 
     def read_hash(self) -> int:
         """The board's own hash of all its parameters, 0 when it has none."""
         if not self._session.identity.is_px4:
             return 0
-        found = self.read_many([HASH], missing_ok=True)
+        found = self.answering([HASH])
         return struct.unpack("<I", found[HASH].bits)[0] if HASH in found else 0
 
     def _read_indices(self, gaps: Sequence[int], by_index: dict[int, Value]) -> None:
-        target = self._session.identity
-
         def request(index: int) -> Callable[[], Message]:
-            return lambda: mavlink.MAVLink_param_request_read_message(
-                target.system, target.component, b"", index
-            )
+            return lambda: self._request_index(index)
 
         def settle(message: Message) -> str | None:
             if message.get_type() != "PARAM_VALUE" or message.param_index == _NO_INDEX:
@@ -256,6 +319,10 @@ class Parameters:
         return mavlink.MAVLink_param_request_read_message(
             target.system, target.component, name.encode("ascii"), -1
         )
+
+    def _request_index(self, index: int) -> Message:
+        target = self._session.identity
+        return mavlink.MAVLink_param_request_read_message(target.system, target.component, b"", index)
 
     def _require_answers(self) -> None:
         """Raise LinkError where silence is no answer: the vehicle answers not even who it is."""

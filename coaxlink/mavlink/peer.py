@@ -12,13 +12,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
 from coaxlink.mavlink.clock import Clock
-from coaxlink.mavlink.identity import Identity, uid_of
+from coaxlink.mavlink.identity import Identity, type_name, uid_of
 from coaxlink.mavlink.strangers import Stranger, Strangers, address_text
 
 _UNBOUND = 32  # addresses that are listened to before one of them is the vehicle's
 _ASK_S, _REQUESTS = 0.35, 6  # a claimant is asked so often; then the first that was heard is believed
 _HERE_S = 10.0  # heard within that time
 _REPORTED_MOST = 8  # addresses that are named; a flood of them is only counted
+_TURNS = 5  # changes of a vehicle's kind: a table that is written and taken back changes it twice
 _NEWS = 8  # lines that wait to be read
 
 
@@ -60,6 +61,8 @@ class Bound:
         self._news: deque[str] = deque(maxlen=_NEWS)
         self._reported = 0
         self._other = ""  # who else answers behind the vehicle's own address
+        self._kinds: list[int] = []  # MAV_TYPE of its heartbeats, where that changed
+        self._beats = 0
 
     def parser(self, peer: Any) -> mavlink.MAVLink:
         """Of what comes from there: half a frame of one sender must not swallow another's."""
@@ -144,8 +147,11 @@ class Bound:
         assert known is not None
         if message.get_type() == "HEARTBEAT":
             if message.autopilot != known.autopilot:
+                if not self._other:
+                    self._news.append(f"not believed: heartbeats of an autopilot of type {message.autopilot}")
                 self._other = f"an autopilot of type {message.autopilot}"
                 return False
+            self._beat(message.type)
             self.heard_s = self._clock.monotonic()
             self.signs = bool(message.get_header().incompat_flags & mavlink.MAVLINK_IFLAG_SIGNED)
             for second in self.strangers.beat(known.uid):
@@ -157,6 +163,20 @@ class Bound:
             self._other = f"board {uid_of(message)}"
             return False
         return True
+
+    def _beat(self, kind: int) -> None:
+        """A vehicle is of one kind, and of another after a restart at most: by turns of two, two send."""
+        self._beats += 1
+        if self._kinds[-1:] == [kind] or len(self._kinds) > _TURNS:
+            return
+        self._kinds.append(kind)
+        if len(self._kinds) > _TURNS:
+            names = " and ".join(type_name(k) for k in sorted(set(self._kinds)))
+            rate = self._beats / max(self._clock.monotonic() - self.bound_s, 1.0)
+            self._news.append(
+                f"heartbeats of two kinds come by turns from {self.vehicle_address}: {names}, {rate:.0f} a "
+                "second: somebody else sends under the vehicle's ids"
+            )
 
     def news(self) -> list[str]:
         """What there is to say about who is on the line, since the last call; one line each."""

@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import common as mavlink
 import firmware_params.ardupilot.messages  # teaches the dialect ESC_TELEMETRY_*
 import firmware_params.px4.messages  # noqa: F401 - and ESC_STATUS and ESC_INFO
 from coaxlink.errors import InputError, LinkError, SafetyRefusal
+from coaxlink.mavlink.autopilots import ONE_BEAT_S, Autopilots
 from coaxlink.mavlink.clock import SYSTEM, Clock
 from coaxlink.mavlink.codec import of_others
 from coaxlink.mavlink.identity import Identity, is_vehicle, own_heartbeat, version_request, with_version
@@ -88,7 +89,9 @@ class Session(Requests):
         self._signer = signer
         if signer:
             signer.attach(self._out)
-        self.bound = Bound(address, self._new_parser, signer.genuine if signer else None, clock)
+        genuine = signer.genuine if signer else None
+        self.bound = Bound(address, self._new_parser, genuine, clock)
+        self.autopilots = Autopilots(genuine)
         self._loss = Loss()
         self._stopping = threading.Event()
         self._log = _open_tlog(record) if record else None
@@ -116,6 +119,12 @@ class Session(Requests):
                     raise LinkError(self.address, f"no {who} heard within {timeout_s:g} s")
         if self.bound.peer is None:
             self.ask_version()
+
+    def refuse_several(self, heard_s: float = ONE_BEAT_S) -> None:
+        """Raises SafetyRefusal when none was named and others are heard, `heard_s` after the first answer."""
+        if self._target is None:
+            self.clock.sleep(max(0.0, self.bound.bound_s + heard_s - self.clock.monotonic()))
+            self.autopilots.refuse_several()
 
     def refuse_unheard(self) -> None:
         """Raises SafetyRefusal when the vehicle signs, we do not, and it has not answered."""
@@ -286,7 +295,11 @@ class Session(Requests):
         """
         if not self.bound.elsewhere(peer):
             known = self.bound.identity
-            return peer is not None and known is not None and of_others(data, known.system)
+            if peer is None or known is None or not of_others(data, known.system):
+                return False
+            self.autopilots.look(data, peer)
+            return True
+        self.autopilots.look(data, peer)
         if self.bound.look(data, peer):
             self._send(version_request(self.identity), peer)
         return True
@@ -304,6 +317,8 @@ class Session(Requests):
                     self._tell(name, message, False)
             return
         system, component = _sender(message)
+        if known is None or (system, component) != (known.system, known.component):
+            self.autopilots.note(message, peer)
         if known is None:
             if name == "AUTOPILOT_VERSION" and (claimant := self.bound.claimant(peer)):
                 self._answered(claimant, message, peer)

@@ -107,7 +107,7 @@ class Strangers:
 
     def take(self, data: bytes, address: Any, ids: tuple[int, int], now: float) -> Stranger | None:
         """Look at a datagram; the stranger if it has to be asked who it is."""
-        frames = [(who, number, frame) for who, number, frame in _frames(data) if who[0] == ids[0]]
+        frames = [(who, number, frame) for who, number, frame in whole_frames(data) if who[0] == ids[0]]
         if not frames:
             return None  # another vehicle, or a ground station: none of our business
         self.datagrams += 1
@@ -162,7 +162,7 @@ def address_text(address: Any) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def _frames(data: bytes) -> Iterator[tuple[tuple[int, int], int, bytes]]:
+def whole_frames(data: bytes) -> Iterator[tuple[tuple[int, int], int, bytes]]:
     """(system, component), message number and bytes of the frames a datagram begins with."""
     at = 0
     while at + 8 <= len(data):

@@ -17,6 +17,7 @@ from __future__ import annotations
 import asyncio
 import html
 import json
+import logging
 import os
 import secrets
 import signal
@@ -39,6 +40,7 @@ SESSIONS = 4
 LEAVING_S = 3.0  # a page that is loaded anew: so long its old process may take to end
 SIDES = ((20, 500), (5, 200))  # columns, rows of a page
 MESSAGE = 1 << 16  # bytes that a browser may say at once
+SAID, WIDTH = 8, 100  # malformed requests that are told, characters of each
 TEXT = 4096  # bytes kept of what a process said last
 LEFT = 4001  # how a page is closed whose screen was left by its own key; another close is a broken line
 READY = b"__GANGLION__\n"
@@ -98,7 +100,7 @@ class WebMonitor:
             web.static("/static", self._static),
         ])  # fmt: skip
         app.on_shutdown.append(self._end_all)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.5)
+        runner = web.AppRunner(app, access_log=None, logger=_one_line_each(), shutdown_timeout=0.5)
         await runner.setup()
         await web.SockSite(runner, self._listener).start()
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
@@ -218,6 +220,27 @@ class WebMonitor:
         if process.returncode is None and process not in self._killed:
             self._killed.add(process)
             process.kill()
+
+
+class _OneLine(logging.Handler):
+    """What the server complains of, a line each on stderr; anybody may ask anything, so only a few."""
+
+    left = SAID
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if self.left:
+            self.left -= 1
+            why = record.exc_info[1] if record.exc_info else None
+            said = plain_lines(str(why or record.getMessage())).strip().splitlines() or ["no request"]
+            more = "" if self.left else " (further ones are not told)"
+            sys.stderr.write(f"a malformed request was refused: {said[0][:WIDTH]}{more}\n")
+            sys.stderr.flush()
+
+
+def _one_line_each() -> logging.Logger:
+    logger = logging.getLogger("coaxlink.monitor.web")
+    logger.handlers, logger.propagate = [_OneLine()], False
+    return logger
 
 
 async def _obey(page: web.WebSocketResponse, process: Process) -> None:

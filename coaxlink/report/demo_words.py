@@ -49,16 +49,16 @@ TERMS = {
 
 def answer(result: DemoResult) -> list[str]:
     """The demo in four sentences: what it was worth and cost, what was hidden, what finding it took off."""
-    said = [_power(result.flights[FITTED], result.flights[STANDARD])]
+    sentences = [_power(result.flights[FITTED], result.flights[STANDARD])]
     fitted, standard = result.worths.named(FITTED), result.worths.named(STANDARD)
     if fitted is not None and standard is not None:
         yaw, before = fitted.limits[2].moment_Nm, standard.limits[2].moment_Nm
-        said.append(
+        sentences.append(
             f"It gives up {1.0 - fitted.ceiling_N / standard.ceiling_N:.0%} of the ceiling "
             f"({fitted.ceiling_N:.0f} N for {standard.ceiling_N:.0f} N) and {1.0 - yaw / before:.0%} of the "
             f"yaw authority ({yaw:.1f} N m for {before:.1f} N m)."
         )
-    return [*said, *_found(result.refinement)]
+    return [*sentences, *_found(result.refinement)]
 
 
 def read_on(page: Path, out: Path) -> list[str]:
@@ -108,13 +108,13 @@ def story(result: DemoResult) -> list[str]:
     if found.effects:
         touched = {c for e in found.effects for c in e.channels} & found.channels.keys()
         falls = sorted(touched, key=lambda c: found.channels[c].rmse_after / found.channels[c].rmse_before)
-        said = [
+        sentences = [
             f"{channel_words(c)} from {number(e.rmse_before)} to {number(e.rmse_after)} {e.unit} "
             f"(noise alone: {number(e.noise_floor)})"
             for c in falls[:2]
             for e in (found.channels[c],)
         ]
-        lines.append(f"Added to the model, the held-out error falls: {'; '.join(said)}.")
+        lines.append(f"Added to the model, the held-out error falls: {'; '.join(sentences)}.")
     return lines
 
 

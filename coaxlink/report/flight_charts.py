@@ -189,7 +189,7 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
     roll, pitch, yaw = np.mean(delivered - demanded, axis=0)[1:]
     lift, kg = float(np.mean(demanded[:, 0])), airframe.mass_kg
     ahead, aside = _aside(-pitch, lift, "forward", "back"), _aside(roll, lift, "right", "left")
-    said = [
+    sentences = [
         f"Mass: thrust came out at {gain:.2f} of what {by} says, as if the vehicle had {kg / gain:.1f} kg "
         f"(file: {kg:g})",
         f"Centre of mass: the mean torque beyond that is of one {ahead} and {aside} of the file's "
@@ -197,9 +197,11 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
         f"Mean yaw torque beyond it: {yaw:+z.2f} N m",
     ]
     if airframe.pairs:
-        said.insert(0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power")
+        sentences.insert(
+            0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power"
+        )
     others = [f"This may be another vehicle's flight: {o.why}" for o in other_vehicle(frame, [samples])]
-    return charts, ". ".join([*others, *said]) + "."
+    return charts, ". ".join([*others, *sentences]) + "."
 
 
 def _aside(torque_Nm: float, lift_N: float, one: str, other: str) -> str:

@@ -144,7 +144,7 @@ def health_page(health: Health, made: Made) -> str:
     """One self-contained HTML page: the verdict, the picture, the table, the remarks, how it was made."""
     from coaxlink.report.html import PagePicture, PageTable, render
 
-    said = verdict_line(health)
+    sentences = verdict_line(health)
     heads, rotors, pairs = _rows(health)
     caption = (
         f"Thrust and torque over those of the model, flight by flight, with 95 % intervals; within the band "
@@ -153,7 +153,7 @@ def health_page(health: Health, made: Made) -> str:
     return render(
         "health.html",
         title="Is every rotor sound?",
-        lead=f"{said[:1].upper()}{said[1:]}.",
+        lead=f"{sentences[:1].upper()}{sentences[1:]}.",
         picture=PagePicture(drawn(figure(health, made.line())), caption),
         loads=PageTable([head.replace("\n", " ") for head in heads], [*rotors, *pairs]),
         remarks=list(remarks(health)),

@@ -26,7 +26,7 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
         name: PagePicture(drawn(figure), CAPTIONS[name])
         for name, figure in figures(result, made.line()).items()
     }
-    said = list(remarks(result))
+    sentences = list(remarks(result))
     terms = PageTable(("load", "term", "value", "95 % interval"), list(_terms(result)))
     return render(
         "identify.html",
@@ -37,8 +37,8 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
         pictures=list(shown.values()),
         errors=PageTable(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
         terms=terms,
-        remarks=said[:FEW],
-        more=said[FEW:],
+        remarks=sentences[:FEW],
+        more=sentences[FEW:],
     )
 
 

@@ -62,9 +62,9 @@ def lines(result: LoopResult) -> Iterator[str]:
 def _doubts(result: LoopResult) -> Iterator[str]:
     found = result.refinement
     for a in found.ambiguous:
-        said = f"ambiguous: {either(a)}"
+        sentences = f"ambiguous: {either(a)}"
         tell_apart = f"; to separate: {a.separate_by}" if a.separate_by else ""
-        yield f"{said}{tell_apart}"
+        yield f"{sentences}{tell_apart}"
     for u in found.unexplained:
         yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"
     for s in found.suspect_data:

@@ -46,10 +46,10 @@ def refinement_parts(result: Refinement, made: Made) -> dict[str, Any]:
 
 def sentence(result: Refinement) -> str:
     """The answer in one sentence: what was found, where it shows most, and what is left of that."""
-    said = verdict(result)
+    sentences = verdict(result)
     if result.effects:
-        said = said.replace("_", " ")
-    return f"{said[:1].upper()}{said[1:]}."
+        sentences = sentences.replace("_", " ")
+    return f"{sentences[:1].upper()}{sentences[1:]}."
 
 
 def count(value: float) -> str:
@@ -64,10 +64,10 @@ def chance(p: float) -> str:
     return "below 1 in a million" if p < LEAST_P else f"{p:.1g}"
 
 
-def _merged(said: Sequence[str]) -> tuple[list[str], list[str]]:
+def _merged(sentences: Sequence[str]) -> tuple[list[str], list[str]]:
     """Remarks, those that say the same of several things as one line; and what cannot be judged."""
     same: dict[str, list[str]] = {}
-    for line in said:
+    for line in sentences:
         what, between, why = line.partition(": ")
         same.setdefault(why if between else line, []).append(what if between else "")
     merged = [

@@ -69,12 +69,12 @@ def _most(result: Refinement) -> str:
         if c.rmse_before > 0.0 and any(name in e.channels for e in result.effects)
     }
     sure = [e.evidence["probability"] for e in result.effects if "probability" in e.evidence]
-    said = f"; probability {_chance(min(sure))}" if sure else ""
+    sentences = f"; probability {_chance(min(sure))}" if sure else ""
     if not drops:
-        return said
+        return sentences
     name = min(drops, key=lambda n: drops[n])
     c = result.channels[name]
-    return f"; the error of the {channel_words(name)} falls from {fall(c)}{said}"
+    return f"; the error of the {channel_words(name)} falls from {fall(c)}{sentences}"
 
 
 def fall(c: ChannelError) -> str:
@@ -134,9 +134,11 @@ def surface(result: Refinement) -> str:
 
 def _probable(evidence: Mapping[str, Any]) -> str:
     """How probable a claim is, and by how much no other name is."""
-    said = f"probability {_chance(evidence['probability'])}"
+    sentences = f"probability {_chance(evidence['probability'])}"
     return (
-        f"{said}, log evidence {evidence['nats']:.0f} above any other name's" if "nats" in evidence else said
+        f"{sentences}, log evidence {evidence['nats']:.0f} above any other name's"
+        if "nats" in evidence
+        else sentences
     )
 
 

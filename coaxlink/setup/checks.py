@@ -37,12 +37,24 @@ def check_airframe(airframe: Airframe, model: RotorModel | None = None) -> tuple
 
 
 def check_outputs(board: Layout) -> tuple[Finding, ...]:
-    """An error where a rotor has no output: the vehicle cannot fly so."""
+    """An error where a rotor has no output: it cannot fly so. A warning where their order is unusual."""
     if not board.idle:
-        return ()
+        return tuple(_out_of_order(board))
     numbers = ", ".join(map(str, board.idle))
     text = f"no output drives rotor {numbers}: assign one on the board before it flies"
     return (Finding("airframe.outputs", "error", text, board.source),)
+
+
+def _out_of_order(board: Layout) -> Iterator[Finding]:
+    """Boards come with motor 1 on output 1, and so on: another order is meant, or a slip of the wiring."""
+    banks = [mount.output.rpartition(" ") for mount in board.mounts]
+    if not all(number.isdecimal() for _, _, number in banks) or len({bank for bank, _, _ in banks}) != 1:
+        return
+    order = [int(number) for _, _, number in banks]
+    if order != sorted(order):
+        places = ", ".join(f"{n} on {mount.output}" for n, mount in enumerate(board.mounts, 1))
+        text = f"the rotors are not on the outputs in their order: {places}; turn each once, propellers off"
+        yield Finding("airframe.output-order", "warning", text, board.source)
 
 
 def check_against(airframe: Airframe, board: Layout) -> tuple[Finding, ...]:

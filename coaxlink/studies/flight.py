@@ -25,6 +25,15 @@ STREAMS = {
     147: 10.0,  # BATTERY_STATUS
     291: 50.0,  # ESC_STATUS
 }
+AP_STREAMS = {  # the same of an ArduPilot, which has neither HIGHRES_IMU nor ACTUATOR_OUTPUT_STATUS
+    27: 50.0,  # RAW_IMU
+    36: 50.0,  # SERVO_OUTPUT_RAW
+    30: 50.0,  # ATTITUDE
+    32: 50.0,  # LOCAL_POSITION_NED
+    132: 10.0,  # DISTANCE_SENSOR
+    147: 10.0,  # BATTERY_STATUS
+    11030: 10.0,  # ESC_TELEMETRY_1_TO_4, and the others with it
+}
 FLOAT = 9  # MAV_PARAM_TYPE_REAL32
 Watch = Callable[[str, float], None]  # segment, seconds into it
 Tell = Callable[[str], None]  # a line for the user
@@ -92,7 +101,7 @@ def fly(
             meter.begun = True
             watch(f"{name}: {segment}", t)
 
-        with connect(address, record=log) as session:
+        with connect(address, record=log, target_system=1) as session:
             for message_id, rate_hz in STREAMS.items():
                 session.request_stream(message_id, rate_hz)
             for parameter, value in parameters.items():

@@ -143,7 +143,7 @@ def _upload(address: str, folder: Path, backups: Path) -> dict[str, Any]:
     from coaxlink.uploading.worker import Uploader
 
     # a simulated board is gone with its flight: nothing of it belongs into the user's own journal
-    with tempfile.TemporaryDirectory() as scratch, connect(address) as session:
+    with tempfile.TemporaryDirectory() as scratch, connect(address, target_system=1) as session:
         journal = Journal(session.identity, Path(scratch))
         # it is this very vehicle: about a centre of mass that was found its rotors stand elsewhere
         outcome = Uploader(session, backup_folder=backups, journal=journal).upload(

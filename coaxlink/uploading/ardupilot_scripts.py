@@ -57,7 +57,7 @@ def await_loader(
         return False
     clock = board.clock
     end = clock.monotonic() + wait_s
-    while len(parameters.read_many(wanted, missing_ok=True)) < len(wanted):
+    while len(parameters.answering(wanted)) < len(wanted):
         if clock.monotonic() > end:
             return False
         clock.sleep(_LOOK_S)

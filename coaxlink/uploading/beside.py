@@ -69,11 +69,11 @@ def beside_ap(
     return _beside(vehicle, report, ap_commands(report.mix), _ap_on_board(vehicle, *board), on_board=True)
 
 
-def commands_on_board(vehicle: Vehicle, url: str) -> Commands:
-    """How the autopilot at `url` mixes now. Raises LinkError, InputError."""
-    with _open(url) as session:
-        is_px4 = session.identity.is_px4
-    return _px4_on_board(vehicle, present_px4(url)) if is_px4 else _ap_on_board(vehicle, *present_ap(url))
+def commands_on_board(vehicle: Vehicle, session: Session) -> Commands:
+    """How the autopilot of a session mixes now. Raises LinkError, InputError."""
+    if session.identity.is_px4:
+        return _px4_on_board(vehicle, present_px4(session))
+    return _ap_on_board(vehicle, *present_ap(session))
 
 
 def _px4_on_board(vehicle: Vehicle, board: Mapping[str, Number]) -> Commands:
@@ -114,27 +114,19 @@ def _require_count(vehicle: Vehicle, rotors: int) -> None:
         raise InputError("`board`", "", problem)
 
 
-def present_px4(url: str) -> dict[str, Number]:
-    """The parameters of the PX4 at `url`. Raises LinkError, InputError."""
-    with _open(url) as session:
-        if not session.identity.is_px4:
-            raise InputError(url, "", f"the vehicle runs {session.identity.name}, not PX4")
-        return {n: v.value for n, v in Parameters(session).read_all().values.items()}
+def present_px4(session: Session) -> dict[str, Number]:
+    """The parameters of a PX4. Raises LinkError, InputError."""
+    if not session.identity.is_px4:
+        raise InputError(session.address, "", f"the vehicle runs {session.identity.name}, not PX4")
+    return {n: v.value for n, v in Parameters(session).read_all().values.items()}
 
 
-def present_ap(url: str) -> tuple[dict[str, Number], ApTable | None]:
-    """The parameters and the table of the ArduPilot at `url`. Raises LinkError, InputError."""
-    with _open(url) as session:
-        if not session.identity.is_ardupilot:
-            raise InputError(url, "", f"the vehicle runs {session.identity.name}, not ArduPilot")
-        parameters, files = Parameters(session), Files(session)
+def present_ap(session: Session) -> tuple[dict[str, Number], ApTable | None]:
+    """The parameters and the table of an ArduPilot. Raises LinkError, InputError."""
+    if not session.identity.is_ardupilot:
+        raise InputError(session.address, "", f"the vehicle runs {session.identity.name}, not ArduPilot")
+    parameters, files = Parameters(session), Files(session)
+    numbers = {n: v.value for n, v in parameters.read_all().values.items()}
+    if scripts.LAST not in numbers and await_loader(files, parameters):
         numbers = {n: v.value for n, v in parameters.read_all().values.items()}
-        if scripts.LAST not in numbers and await_loader(files, parameters):
-            numbers = {n: v.value for n, v in parameters.read_all().values.items()}
-        return numbers, present_table(numbers, lambda: matrix_script(files))
-
-
-def _open(url: str) -> Session:
-    from coaxlink.mavlink.opening import connect
-
-    return connect(url)
+    return numbers, present_table(numbers, lambda: matrix_script(files))

@@ -139,6 +139,7 @@ class Board(ABC):
             self._talk.say("rebooting")
             self.restarting()
             reboot(self.session, self._reboot_s)
+            self.parameters.forget_list()
         if later:
             self._put_later(later, guard, settle_s)
         if restart or later:

@@ -42,13 +42,15 @@ def what_stands(board: Board, old: Content, new: Content) -> Standing:
     changed = new.differs_from(old)
     held: dict[str, list[str]] = {"new": [], "old": [], "other": [], "unknown": []}
     try:
-        found = board.parameters.read_many(changed.values, missing_ok=True)
+        found, said = board.parameters.read_many(changed.values, missing_ok=True), True
     except LinkError:
-        found = {}
+        found, said = {}, False
     for name, value in changed.values.items():
         before, now = old.values.get(name), found.get(name)
-        if now is None:
-            is_ = "unknown" if before else "old"  # a loader's parameter that is not there yet
+        if now is None and not said:
+            is_ = "unknown"
+        elif now is None:
+            is_ = "other" if before else "old"  # a loader's parameter that is not there yet
         elif now.same(value):
             is_ = "new"
         else:

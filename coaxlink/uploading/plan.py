@@ -12,8 +12,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink import files
 from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.mavlink.identity import Identity
+from coaxlink.mavlink.identity import Identity, type_name
 from coaxlink.mavlink.parameters import Number, Value
+from coaxlink.tables.files import SCRIPTS, refuse_halves
 from coaxlink.uploading.backup import FILES
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot.owned import OWNED as AP_OWNED
@@ -80,6 +81,7 @@ def load_plan(source: Path) -> Plan:
             raise InputError(source, "", f"{problem}; one is expected")
         source = found[0]
     read = read_board_parameters(source, telling=True)
+    refuse_halves(source, read.header)
     notes = list(read.notes)
     params: Mapping[str, Number] = read.params
     owned, known = (PX4_OWNED, px4.PARAMETERS) if read.firmware == "px4" else (AP_OWNED, ardupilot.PARAMETERS)
@@ -93,12 +95,23 @@ def load_plan(source: Path) -> Plan:
     if read.firmware == "px4":
         return Plan("px4", (source,), params, types, tuple(notes))
     backed_up = source.with_suffix(FILES)
-    folder = backed_up if backed_up.is_dir() else source.parent / "scripts"
+    folder = backed_up if backed_up.is_dir() else source.parent / SCRIPTS
     paths = sorted(folder.glob("*.lua"))
     scripts = {path.name: files.read_bytes(path) for path in paths}
     if params.get("FRAME_CLASS") in (15, 17) and not scripts:
         raise InputError(folder, "", "FRAME_CLASS 15 and 17 need a script, found none")
+    if scripts and not backed_up.is_dir():
+        _refuse_other_scripts(source, params, scripts)
     return Plan("ardupilot", (source, *paths), params, {}, tuple(notes), scripts)
+
+
+def _refuse_other_scripts(source: Path, params: Mapping[str, Number], scripts: Mapping[str, bytes]) -> None:
+    """Raises InputError where the table's own checksum of its scripts is not theirs: halves of two tables."""
+    wanted = params.get("SCR_LD_CHECKSUM", -1)
+    if wanted >= 0 and wanted != ardupilot.scripts.load_checksum(scripts.values()):
+        names = ", ".join(scripts)
+        problem = f"its SCR_LD_CHECKSUM is not that of {SCRIPTS}/ ({names}): make the table again"
+        raise InputError(source, "", f"{problem}, its files are one thing")
 
 
 def refuse_values(firmware: str, params: Mapping[str, Number], source: Path) -> None:
@@ -119,8 +132,7 @@ def refuse_vehicle(plan: Plan, identity: Identity) -> None:
             "way; v1.14 or later is needed"
         )
     counts = _MULTIROTORS.get(identity.vehicle_type)
-    kind = mavlink.enums["MAV_TYPE"].get(identity.vehicle_type)
-    name = kind.name.removeprefix("MAV_TYPE_").lower() if kind else f"type {identity.vehicle_type}"
+    name = type_name(identity.vehicle_type)
     if counts is None:
         raise SafetyRefusal(f"another vehicle: of type {name}, not a multirotor")
     if identity.is_px4 and plan.rotor_count is not None and plan.rotor_count not in counts:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.mavlink.confirm import confirm
+from coaxlink.mavlink.confirm import TWO_BEATS_S, confirm
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.session import Session
 from coaxlink.uploading.backup import Backup, Note
@@ -227,6 +227,7 @@ class Uploader:
         if not self._talk.confirm():
             raise SafetyRefusal("not confirmed; nothing was changed")
         confirm(self._session)
+        self._session.refuse_several(TWO_BEATS_S)
         self._refuse_armed()
         # others may change what an upload leaves: its whole table is proved; a backup is too long for that
         new, old = (target, present) if complete else (changes, present.only(changes))
@@ -349,6 +350,9 @@ class Uploader:
                 confirm(self._session, alone=False)
                 settle_s = _SETTLE_S if self._session.loss > _LOSSY else 2 * _CALM_S
                 self._board.put(old, Content(), self._refuse_armed, settle_s=settle_s)
+                clock.sleep(TWO_BEATS_S)  # whoever wrote in between may go on with it
+                if wrong := self._board.wrong(old):
+                    raise Mismatch(wrong)
             except Armed:
                 return self._stopped(old, new)
             except SafetyRefusal as again:  # another board is there now: it must not get the old table
@@ -358,7 +362,7 @@ class Uploader:
                 last = again
             else:
                 self._journal.end()
-                text = f"rolled back, the vehicle holds its old table: {error}"
+                text = f"rolled back, the vehicle holds its old table: {error}{self._who_else(error)}"
                 safe = isinstance(error, SafetyRefusal)  # a lost link was found again: the answer is no
                 cause = Unfinished(text, error.exit_code if safe else CheckFailed.exit_code)
                 return self._outcome(ROLLED_BACK, error=cause, mismatches=mismatches)
@@ -366,10 +370,15 @@ class Uploader:
                 break
             self._await_link(end)
         text = (
-            f"{error}; the old table could not be put back ({last}). Do not fly, the board may hold both. "
+            f"{error}; the old table could not be put back ({last}{self._who_else(last)}). "
+            "Do not fly, the board may hold both. "
             f"When the link is back: `restore` {self._backup} over {self._session.address}"
         )
         return self._outcome(FAILED, error=Unfinished(text, error.exit_code), mismatches=mismatches)
+
+    def _who_else(self, error: CoaxlinkError) -> str:
+        """Where a value is not what was written: who may have written it."""
+        return f"; {self._session.autopilots.writers()}" if isinstance(error, Mismatch) else ""
 
     def _await_link(self, end: float) -> None:
         clock = self._session.clock
@@ -408,7 +417,7 @@ class Uploader:
             mismatches,
             self._board.parameters.retries + self._board.files.retries,
             reason or (str(error) if error else ""),
-            f"{identity.name}, board {identity.uid or 'unknown'}",
+            f"{identity.name}, system {identity.system}, board {identity.uid or 'unknown'}",
             error,
             self._changed_files,
             self._learned,

@@ -5,6 +5,8 @@ import re
 from pathlib import Path
 
 import pytest
+from memory_net import Net, plugged
+from scripted_autopilot import FLOAT, INT32, ScriptedAutopilot
 
 from coaxlink.cli import main
 from firmware_params.reading import read_params
@@ -97,11 +99,14 @@ def test_ardupilot_files_and_what_the_table_costs(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_beside_a_board_the_price_and_the_loops_are_told(capsys, monkeypatch):
-    board = {"CA_ROTOR_COUNT": 8, "MC_ROLLRATE_K": 1.5, **FACTORY}
-    monkeypatch.setattr("coaxlink.uploading.beside.present_px4", lambda url: board)
-    arguments = ["--firmware", "px4", "--law", "reduced", "--connect", "udpout:127.0.0.1:9"]
-    code, out, _ = _run(capsys, X8, *arguments)
+def test_beside_a_board_the_price_and_the_loops_are_told(capsys):
+    held = {"CA_ROTOR_COUNT": (8, INT32)} | {
+        name: (value, FLOAT) for name, value in {"MC_ROLLRATE_K": 1.5, **FACTORY}.items()
+    }
+    with plugged(Net()) as net, ScriptedAutopilot(held, net=net) as board:
+        arguments = ["--firmware", "px4", "--law", "reduced", "--connect", board.url]
+        code, out, err = _run(capsys, X8, *arguments)
+    assert "system 1: PX4 1.16.1 at" in err
     said = " ".join(out.split())
     assert code == 0 and said.count("; on board ") == 3
     assert "rate loops: the same demand gives" in said and "times the moment that it gives on board" in said

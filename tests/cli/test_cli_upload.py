@@ -92,3 +92,21 @@ def test_a_killed_upload_is_seen_by_verify_and_ended_by_the_next(real_board, cap
     code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes")
     assert code == 0 and "did not end" not in err
     assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lower, asked", [(0.3, True), (1.0, False)])
+def test_a_yaw_gain_that_changes_by_more_than_a_fifth_is_asked_about(tmp_path, capsys, lower, asked):
+    """The paper's standard table on a board whose KM makes yaw another: 1.48 times the moment."""
+    x8_file = str(Path(__file__).parents[2] / "examples" / "x8_paper.toml")
+    made = ("--firmware", "px4", "--law", "standard", "--out", "made")
+    assert _run(capsys, "table", x8_file, *made)[0] == 0
+    rows = [r.split("\t") for r in Path("made/paper-x8.params").read_text().splitlines() if r[0] != "#"]
+    written = {name: float(value) for _, _, name, value, _ in rows}
+    held = {n: ((int if kind == 6 else float)(written.get(n, v)), kind) for n, (v, kind) in x8().items()}
+    for n in range(4, 8):  # the lower rotors' torque as another law had it
+        km, kind = held[f"CA_ROTOR{n}_KM"]
+        held[f"CA_ROTOR{n}_KM"] = (km * lower, kind)
+    with ScriptedAutopilot(held) as board:
+        _, _, err = _run(capsys, "upload", "made", "--connect", board.url, "--dry-run")
+    assert ("a demand of yaw will give" in err) is asked

@@ -12,7 +12,7 @@ from case_table import case_table
 from test_data_dataflash_text import KINDS, as_binary, rows
 from test_data_ulog import framed
 
-from coaxlink.data import is_flight_log, read_flight_log, read_flights
+from coaxlink.data import is_flight_log, read_flight_log, read_flights, read_stand_log
 from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.data.samples import RANGE
 from coaxlink.errors import InputError
@@ -52,7 +52,7 @@ def test_each_is_named_whoever_reads_it(tmp_path: Path) -> None:
             for suffix in ("bin", "csv", "params", "tlog"):
                 path = tmp_path / f"file.{suffix}"
                 path.write_bytes(data)
-                for read in (read_flights, is_flight_log, read_board_parameters):
+                for read in (read_flights, is_flight_log, read_board_parameters, read_stand_log):
                     with case(f"{name} {suffix}"), pytest.raises(InputError, match=expected):
                         read(path)
 

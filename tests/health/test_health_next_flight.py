@@ -187,7 +187,7 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
     # without --next nothing is planned, and it is said how
     with pytest.raises(SystemExit):
         main([str(a) for a in call[:-2]])
-    assert "--next PLAN.toml plans the flight" in capsys.readouterr().err
+    assert "--next PLAN.toml plans the most informative flight" in capsys.readouterr().err
     assert "next" not in json.loads(report.read_text())
 
 

@@ -100,7 +100,7 @@ def test_a_link_that_is_lost_is_exit_code_3(mix: Verb, capsys: Any) -> None:
 @pytest.mark.slow
 def test_commands_that_never_arrive_are_told_and_exit_code_1(mix: Verb, capsys: Any) -> None:
     draw = random.Random(3)
-    mix.flight.clock.later(1.0, lambda: setattr(mix.line, "steal", lambda data: draw.random() < 0.7))
+    mix.flight.clock.later(2.5, lambda: setattr(mix.line, "steal", lambda data: draw.random() < 0.7))
     assert mix("--seconds", "8") == 1
     assert "motor commands never arrived" in capsys.readouterr().err
 

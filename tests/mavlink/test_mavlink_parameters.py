@@ -1,6 +1,9 @@
 """The parameter protocol, PX4's and ArduPilot's way, on good and bad lines."""
 
+import random
+
 import pytest
+from case_table import case_table
 from memory_net import Net, meet
 from pymavlink.dialects.v20 import common as m
 from scripted_autopilot import FLOAT, INT32, ScriptedAutopilot
@@ -60,7 +63,9 @@ def test_everything_arrives_over_a_bad_line(vehicle):
 
 def test_an_unknown_name_is_one_clear_error(vehicle):
     with meet(vehicle) as session:
-        with pytest.raises(InputError, match=r"NOT_THERE: the vehicle has no such parameter .*alive"):
+        with pytest.raises(
+            InputError, match=r"NOT_THERE: the vehicle has no such parameter .*not in its list"
+        ):
             Parameters(session, timeout_s=0.05).read("NOT_THERE")
         vehicle.param_errors = True
         with pytest.raises(InputError, match="does not exist"):
@@ -118,3 +123,74 @@ def test_who_is_heard_and_answers_nothing_is_a_lost_link_and_not_a_board_with_no
         vehicle._handle = lambda message: None
         with pytest.raises(LinkError, match=r"answers nothing .*signing_key"):
             Parameters(session, timeout_s=0.05).read_many(["A"], missing_ok=True)
+
+
+def stopped_now_and_then(vehicle, seed):
+    """As beside a load of 20: it runs for a while, then for seconds it does not; what came meanwhile is
+    answered in order after that. Heartbeats come as ever, as from another thread."""
+    hear, clock, draw = vehicle._hear, vehicle.net.clock, random.Random(seed)
+    until = [0.0, 0.0]  # when it runs again, when it stops next
+
+    def later(data, source):
+        now = clock.monotonic()
+        while now >= until[1]:
+            until[0] = max(until[1], now) + draw.uniform(0.5, 4.0)
+            until[1] = until[0] + draw.uniform(0.05, 1.0)
+        clock.later(max(until[0] - now, 0.001), lambda: hear(data, source))
+
+    vehicle.net.bind(vehicle.address, later)
+
+
+def test_silence_of_a_slow_board_is_not_absence():
+    """Every name that is there is found, every other is absent by the board's own word."""
+    there = list(MANY)[:20]
+    with case_table() as case:
+        for says_no in (True, False):
+            few = dict(list(MANY.items())[:40])
+            with ScriptedAutopilot(few, net=Net()) as vehicle, case(f"PARAM_ERROR {says_no}"):
+                vehicle.param_errors = says_no
+                with meet(vehicle) as session:
+                    stopped_now_and_then(vehicle, says_no)
+                    for _ in range(12):
+                        found = Parameters(session).read_many([*there, "NOPE"], missing_ok=True)
+                        assert list(found) == there
+
+
+def test_a_hidden_name_answers_and_one_that_falls_silent_is_called_silent():
+    """Hidden from the list: what ArduPilot has while scripting is off, and PX4's unused ones."""
+    with ScriptedAutopilot(MANY, net=Net()) as vehicle, meet(vehicle) as session:
+        parameters = Parameters(session)
+        vehicle.params["HIDDEN"] = (1.0, FLOAT)
+        listed, handle = list(MANY), vehicle._handle
+
+        def answer(message):
+            if message.get_type() == "PARAM_REQUEST_LIST":
+                for index, name in enumerate(listed):
+                    value, kind = MANY[name]
+                    vehicle.send(
+                        m.MAVLink_param_value_message(name.encode(), float(value), kind, len(listed), index)
+                    )
+            elif getattr(message, "param_id", "") != "P7":
+                handle(message)
+
+        vehicle._handle = answer
+        assert list(parameters.read_many(["HIDDEN", "NOPE", "P1"], missing_ok=True)) == ["HIDDEN", "P1"]
+        with pytest.raises(LinkError, match="no answer for P7, which the vehicle has"):
+            parameters.read_many(["P7", "P1"], missing_ok=True)
+        assert list(parameters.answering(["P7", "P1"])) == ["P1"]
+
+
+def test_a_board_that_claims_more_parameters_than_it_has_is_told_in_seconds():
+    with ScriptedAutopilot(MANY, net=Net()) as vehicle, meet(vehicle) as session:
+        send = vehicle._send_raw
+
+        def claiming(name, bits, kind, index):
+            vehicle.params, real = dict.fromkeys(range(65535)), vehicle.params
+            send(name, bits, kind, index)
+            vehicle.params = real
+
+        vehicle._send_raw = claiming
+        began = session.clock.monotonic()
+        with pytest.raises(LinkError, match="of the 65535 parameters that it says it has 100 came"):
+            Parameters(session).read_all()
+        assert session.clock.monotonic() - began < 30.0

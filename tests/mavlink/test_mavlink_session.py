@@ -37,7 +37,7 @@ def test_identity_armed_and_version(vehicle):
 
 
 def test_the_companion_beats_once_a_second(vehicle):
-    with meet(vehicle, source_system=42, source_component=7) as session:
+    with meet(vehicle, source_system=42, source_component=7, target_system=1) as session:
         session.clock.sleep(3.5)
     beats = [h for h in vehicle.heard if h.get_type() == "HEARTBEAT"]
     assert len(beats) == 4

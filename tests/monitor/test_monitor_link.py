@@ -91,13 +91,13 @@ def test_waits_then_lives_then_reads_the_table_and_sees_an_upload() -> None:
 
 def test_an_unchanged_table_is_not_read_over_and_over(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    read = Parameters.read_many
+    read = Parameters.answering
 
     def counted(self: Parameters, names: object, **rest: object) -> object:
         asked.extend(names := tuple(names))  # type: ignore[arg-type]
         return read(self, names, **rest)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Parameters, "read_many", counted)
+    monkeypatch.setattr(Parameters, "answering", counted)
     Watched().until(lambda m: asked.count("_HASH_CHECK") >= 3)
     assert asked.count("CA_ROTOR0_CT") == 1
 

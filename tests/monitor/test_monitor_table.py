@@ -7,8 +7,11 @@ import pytest
 from monitor_messages import X8, heartbeat, look, px4_table, servo
 from pymavlink.dialects.v20 import ardupilotmega
 
+from coaxlink.files import example
 from coaxlink.monitor.incoming.table_reader import table_parameters
 from coaxlink.monitor.state.table import describe, intended
+from coaxlink.tables.px4 import report_px4
+from coaxlink.vehicle import load_vehicle
 from firmware_params.ardupilot import MotorParameters
 
 COPTER = heartbeat(autopilot=3)
@@ -127,3 +130,13 @@ def test_pulses_and_escs_go_by_the_board_s_own_range_and_wiring() -> None:
     assert any("ESC_TELEMETRY reads 0 rpm" in note for note in still.notes)
     unused = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)} | {"SERVO8_FUNCTION": 0.0}
     assert any("1 more than the airframe's" in n for n in look(*heard, **unused).notes)
+
+
+@pytest.mark.slow
+def test_what_table_writes_is_called_by_its_law_on_every_kind_of_vehicle() -> None:
+    """Y6: the fitted columns differ from arm to arm; the mixed one has rotors without a pair."""
+    for name in ("y6", "mixed_hexa"):
+        vehicle = load_vehicle(example(f"{name}.toml"))
+        for law in ("standard", "reduced", "fitted"):
+            params = {"CA_METHOD": 2.0, "CA_AIRFRAME": 0.0} | report_px4(vehicle, law).params
+            assert describe(params, vehicle).kind == law, (name, law)

@@ -226,3 +226,22 @@ def test_a_browser_needs_textual_serve(
         "coaxlink: --web: textual-serve is needed, which is not installed: "
         "pip install 'coaxlink[web]', in a clone pip install -e '.[web]'\n"
     )
+
+
+def test_malformed_requests_are_a_line_each_and_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    """No Host, a header above aiohttp's 8 kB, two Hosts, no HTTP at all: 400, and a few lines in all."""
+    host = b"Host: 127.0.0.1:1\r\n"
+    requests = (b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\n" + host + b"X: " + b"a" * 9000 + b"\r\n\r\n",
+                b"GET / HTTP/1.1\r\n" + host + host + b"\r\n", b"\x16\x03\x01 no http\r\n\r\n")  # fmt: skip
+
+    async def ask(page: Served) -> None:
+        port = int(page.own.rpartition(":")[2])
+        for request in requests * 4:
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(request)
+            assert b" 400 " in await asyncio.wait_for(reader.readline(), WAIT_S)
+            writer.close()
+
+    run(ask)
+    said = capsys.readouterr().err.splitlines()
+    assert 0 < len(said) <= web.SAID and all("malformed request was refused: " in line for line in said)

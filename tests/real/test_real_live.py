@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from real_autopilots import AIRFRAME, PAIRS, ROOT, arducopter, coaxlink, take_off
+from real_autopilots import AIRFRAME, PAIRS, ROOT, arducopter, coaxlink, real_time, take_off
 from test_real_ardupilot import FACTORY
 
 from coaxlink.airframe import load_airframe
@@ -58,7 +58,7 @@ def test_it_is_mixed_live_by_one_companion_and_handed_back(tmp_path: Path) -> No
     folder.mkdir()
     coaxlink("bridge", str(AIRFRAME), "--out", str(files))
     options = ("--airframe", str(AIRFRAME))
-    with arducopter(Path(BINARY), folder, FACTORY, *options, speed=1.0, second_port=port) as url:
+    with real_time(), arducopter(Path(BINARY), folder, FACTORY, *options, speed=1.0, second_port=port) as url:
         coaxlink("upload", str(files), "--connect", url, "--yes", "--reboot", cwd=tmp_path)
         with connect(url, timeout_s=60.0) as session:
             vehicle = take_off(session)

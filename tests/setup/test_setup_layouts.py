@@ -275,3 +275,16 @@ def test_what_a_few_parameters_leave_out_is_said():
 def test_millimetres_are_asked_about(arm_m, spacing_m, said):
     with pytest.raises(InputError, match=f"metres are expected: {said}"):
         completed(template("x8"), Body("x8", 20.0, arm_m, spacing_m))
+
+
+def test_an_unusual_order_of_outputs_is_a_warning():
+    motors = {f"SERVO{n}_FUNCTION": 32 + n for n in range(1, 9)}
+    swapped = motors | {"SERVO1_FUNCTION": 37, "SERVO5_FUNCTION": 33}
+    for functions, found in ((motors, 0), (swapped, 1), ({}, 0)):
+        layout = ardupilot_layout({"FRAME_CLASS": 4, "FRAME_TYPE": 1, **functions}, "board")
+        findings = check_outputs(layout)
+        assert len(findings) == found
+        assert all(f.severity == "warning" and "1 on SERVO 5" in f.text for f in findings)
+    px4 = px4_params(X8) | {f"PWM_MAIN_FUNC{n}": 109 - n for n in range(1, 9)}
+    (finding,) = check_outputs(px4_layout(px4, "board"))
+    assert "1 on MAIN 8" in finding.text

@@ -29,6 +29,10 @@ def read_memory(path: Path) -> object:
     return build(World(X8, memory=path), [])
 
 
+def flown(path: Path) -> object:
+    return build(World(X8, truth=path), [])
+
+
 BAD = [  # reader, text, what the error names
     (read_schedule, "", "pieces"),
     (read_schedule, "[[pieces]]\nupper = 0.5\nlower = 0.5\n", "seconds"),
@@ -52,6 +56,16 @@ BAD = [  # reader, text, what the error names
     (read_pair, ROTOR + '"u_u" = 1e39', "within 1e+09"),
     (read_vehicle, X8.read_text().replace("0.1807", "1e39"), "position_m"),
     (read_vehicle, X8.read_text().replace("spin =", "axis = [0, 0, 0]\nspin ="), "rotors.axis"),
+    (
+        read_vehicle,
+        X8.read_text().replace("mass_kg = ", "mass_kg = 1e6 #"),
+        "mass_kg: 1e+06: 0.005 to 2",
+    ),
+    (read_vehicle, X8.read_text().replace("mass_kg = ", "mass_kg = 1e-9 #"), "mass_kg"),
+    (read_vehicle, X8.read_text().replace("lag_s = ", "lag_s = 1e4 #"), "motor_lag_s: 10000: 0 to 2 s"),
+    (read_vehicle, X8.read_text().replace("lag_s = ", "lag_s = -0.1 #"), "motor_lag_s"),
+    (flown, '[[effects]]\nname = "mass_change"\nsize = -500', "mass_kg: -4"),
+    (flown, '[[effects]]\nname = "rotor_lag"\nsize = 30', "motor_lag_s: 30"),
     (read_pair, BEMT, "blades"),
     (read_pair, BEMT + "[blades]\nradius_m = 1.0", "blades"),
     (read_pair, BEMT + "[blades]\nwings = 2", "blades"),

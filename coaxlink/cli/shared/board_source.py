@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError
 
@@ -38,16 +39,15 @@ def layout_of_file(path: Path, script: Path | None = None, system: int | None = 
 WAIT_S = 30.0  # a simulator that was just started compiles first, 8 s on a free core
 
 
-def layout_of_board(url: str, timeout_s: float = WAIT_S) -> Layout:
+def layout_of_board(url: str, timeout_s: float = WAIT_S, system: int | None = None) -> Layout:
     """From the autopilot at `url`; nothing is written. Raises LinkError, InputError."""
-    from coaxlink.mavlink import connect
     from coaxlink.mavlink.ftp import Files
     from coaxlink.mavlink.parameters import Parameters
     from coaxlink.setup import ardupilot_layout, px4_layout
     from coaxlink.uploading.ardupilot_scripts import matrix_script
 
     say(f"waiting for an autopilot at {url}, at most {timeout_s:g} s")
-    with connect(url, timeout_s=timeout_s) as session:
+    with vehicle_at(url, timeout_s=timeout_s, system=system) as session:
         source = f"{session.identity.name} at {url}"
         params = {n: v.value for n, v in Parameters(session).read_all().values.items()}
         if session.identity.is_px4:

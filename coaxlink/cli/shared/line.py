@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError
@@ -26,12 +26,31 @@ def address_of(typed: str | None, airframe: Path | None) -> str:
     raise InputError("--connect", "", wanted)
 
 
+def typed_again(url: str, system: int | None) -> str:
+    """The address as the next command needs it, with the vehicle's number where one was given."""
+    return url if system is None else f"{url} --system {system}"
+
+
+@contextmanager
+def vehicle_at(url: str, *, system: int | None = None, **options: Any) -> Iterator[Session]:
+    """The vehicle at `url`, number `system` if several are there, introduced; options of `mavlink.connect`.
+
+    Raises what `connect` does.
+    """
+    from coaxlink.mavlink import connect
+
+    with connect(url, target_system=system, **options) as line, introduced(line) as session:
+        yield session
+
+
 @contextmanager
 def introduced(session: Session) -> Iterator[Session]:
     """Say who answers and where; at the end, however it comes, who else was there."""
     known, address = session.identity, session.bound.vehicle_address
     where = session.address if address == session.address else f"{address} ({session.address})"
-    say(f"{known.name} at {where}, board {known.uid or 'unknown'}")
+    say(f"system {known.system}: {known.name} at {where}, board {known.uid or 'unknown'}")
+    if others := session.autopilots.beside(known.system):
+        say(f"also on the line, and not talked to: {', '.join(others)}")
     if known.uid and not known.unique:
         say("boards and simulations share this id: only its address tells this vehicle from another")
     if session.bound.signs and not session.signed:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,23 +16,22 @@ if TYPE_CHECKING:
     from coaxlink.uploading.plan import Plan
     from coaxlink.vehicle import Vehicle
 
+# gain margins of rate loops are 6 dB or more (a factor of 2, MIL-DTL-9490E), of which tuning leaves a part
+ASKED = 0.2
 FOLDER = "vehicle"  # of a table's folder: what it was made from
 _AIRFRAME, _ROTORS, _CONDITIONS = "airframe.toml", "rotor.toml", "conditions.toml"
 Present = Callable[[Mapping[str, float | int], Mapping[str, bytes | None]], None]
 
 
-def keep_vehicle(out: Path, vehicle: Vehicle, rotor_file: Path) -> None:
-    """Copy into OUT/vehicle what a table was made from. Raises InputError."""
-    folder = out / FOLDER
+def vehicle_files(vehicle: Vehicle, rotor_file: Path) -> dict[str, bytes]:
+    """What a table was made from, by its name in the table's folder; empty where no file holds it."""
     if vehicle.declared.source is None:
-        return
-    files.write_atomic(folder / _AIRFRAME, vehicle.declared.source.read_bytes())
-    files.write_atomic(folder / _ROTORS, rotor_file.read_bytes())
+        return {}
+    copies = {_AIRFRAME: vehicle.declared.source.read_bytes(), _ROTORS: rotor_file.read_bytes()}
     stated = {name: value for name, value in vars(vehicle.conditions).items() if value is not None}
     if stated:
-        files.write_toml(folder / _CONDITIONS, stated)
-    else:
-        (folder / _CONDITIONS).unlink(missing_ok=True)
+        copies[_CONDITIONS] = files.toml_text(stated).encode()
+    return {f"{FOLDER}/{name}": data for name, data in copies.items()}
 
 
 def kept_airframe(source: Path) -> Path | None:
@@ -42,14 +40,16 @@ def kept_airframe(source: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def forget_vehicle(out: Path) -> None:
-    """Take an earlier table's vehicle away: it is not this one's."""
-    shutil.rmtree(out / FOLDER, ignore_errors=True)
+def forget_vehicle(out: Path, kept: Container[str]) -> None:
+    """Take away what an earlier table was made from, but for the files `kept`: it is not this one's."""
+    for name in (_AIRFRAME, _ROTORS, _CONDITIONS):
+        if f"{FOLDER}/{name}" not in kept:
+            (out / FOLDER / name).unlink(missing_ok=True)
 
 
-def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Present:
+def said_first(source: Path, plan: Plan, doubts: list[str], *, spin_from_table: bool = False) -> Present:
     """What `Talk.present` does for a table's folder: its price beside the table on board, in three lines, and
-    one on the rate loops."""
+    one on the rate loops. What is to be asked about goes into `doubts`."""
     airframe = kept_airframe(source)
 
     def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
@@ -76,6 +76,12 @@ def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Pr
             out.print(text, soft_wrap=out.width >= PIPE_WIDTH)
         kept = "; gains that keep the loops are in the table" if in_table else ""
         out.print(line + kept, soft_wrap=out.width >= PIPE_WIDTH)
+        yaw = gains.axes[2]
+        if not in_table and (not yaw.usable or abs(1.0 / yaw.scale - 1.0) > ASKED):
+            times = f"{1.0 / yaw.scale:.2f} times" if yaw.usable else "none, or the opposite, of"
+            doubts.append("yaw")
+            keep = "tune it anew, or keep it by coaxlink table --keep-gains"
+            say(f"a demand of yaw will give {times} the moment that it gives now: {keep}")
 
     return present
 

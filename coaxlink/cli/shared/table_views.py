@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import PIPE_WIDTH, console, say
 from coaxlink.errors import InputError
 
@@ -164,7 +165,9 @@ def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tu
     return kg["--light"] / mass, kg["--heavy"] / mass
 
 
-def weigh_tables(vehicle: Vehicle, load: tuple[float, float], connect: str = "") -> Worths:
+def weigh_tables(
+    vehicle: Vehicle, load: tuple[float, float], connect: str = "", system: int | None = None
+) -> Worths:
     """All tables of a vehicle, the one on board first; what cannot be made is said on stderr."""
     from coaxlink.tables.worth import px4_worths
 
@@ -172,7 +175,8 @@ def weigh_tables(vehicle: Vehicle, load: tuple[float, float], connect: str = "")
     if connect:
         from coaxlink.uploading.beside import commands_on_board
 
-        board = commands_on_board(vehicle, connect)
+        with vehicle_at(connect, system=system) as session:
+            board = commands_on_board(vehicle, session)
     worths = px4_worths(vehicle, light=load[0], heavy=load[1], board=board)
     for name, why in worths.left_out.items():
         say(f"left out: {name}: {why}")

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.logs.dataflash_text import is_dataflash_text
-from coaxlink.data.logs.marks import foreign
 from coaxlink.data.logs.streams import at_the_commands
+from coaxlink.data.marks import LOOKS, foreign
 from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import SIGNED_SPEEDS, Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
@@ -36,7 +36,6 @@ ABSURD = 1e9  # of any column of ours in any unit; damaged floats go far beyond
 SLOWEST_S = 1.0  # between two rows: slower tells nothing of a flight
 SYSTEM_IDS = ("MAV_SYS_ID", "SYSID_THISMAV", "MAV_SYSID")  # PX4, ArduPilot until 4.6 and after
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
-LOOKS = 8000  # bytes that tell a text's kind: a station's own lines may stand above the formats
 _PRINTOUT = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+: \w+ {")
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"

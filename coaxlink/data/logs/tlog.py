@@ -200,7 +200,9 @@ def chosen(
     first = max(best, key=lambda one: sent[best[one]])
     if len(best) == 1:
         return best[first], ()
-    words = f"{path}: systems {listed}: {first} is read, which sent the most; `system` takes another"
+    alike = sum(sent[who] == sent[best[first]] for who in best.values()) > 1
+    why = "heard first of those that sent the most" if alike else "which sent the most"
+    words = f"{path}: systems {listed}: {first} is read, {why}; `system` takes another"
     return best[first], (words,)
 
 

@@ -60,9 +60,11 @@ def check_address(url: str) -> None:
         open_transport(address, 0.5).close()
 
 
-def connect_to(url: str, patience_s: float) -> Session:
-    """A session as the monitor's own companion. Raises LinkError, InputError."""
-    return connect(url, timeout_s=patience_s, source_component=COMPONENT, listen_only=True)
+def connect_to(url: str, patience_s: float, system: int | None = None) -> Session:
+    """A session as the monitor's own companion. Raises LinkError, InputError, SafetyRefusal."""
+    return connect(
+        url, timeout_s=patience_s, target_system=system, source_component=COMPONENT, listen_only=True
+    )
 
 
 def begin(heard: Heard, session: Session) -> None:
@@ -82,6 +84,8 @@ def begin(heard: Heard, session: Session) -> None:
 def line_notes(session: Session) -> list[str]:
     """Who else is on the line, and whether the vehicle's words could be checked."""
     said = session.bound.standing()
+    if others := session.autopilots.beside(session.identity.system):
+        said.append(f"shown is system {session.identity.system}; also on the line: {', '.join(others)}")
     if session.bound.signs and not session.signed:
         said.append("the vehicle signs its messages: they are shown unchecked")
     return said

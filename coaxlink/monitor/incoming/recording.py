@@ -160,7 +160,7 @@ class Tlog:
         self.target, self.notes = chosen(path, sent, system, FLIGHT_MESSAGES)
         try:
             self.flights: Sequence[Samples] = read_flights(path, self.target[0])
-            self.notes += tuple(words for words in self.flights[0].provenance if words not in self.notes)
+            self.notes += self.flights[0].provenance[len(self.notes) :]  # what is of several vehicles is said
         except InputError:  # shown all the same
             self.flights = ()
         target = self.target

@@ -85,5 +85,5 @@ class TableReader:
         self._heard.put_parameters(self._outputs | table)
 
     def _read(self, names: Iterable[str]) -> dict[str, float]:
-        found = self._parameters.read_many(names, missing_ok=True)
+        found = self._parameters.answering(names)
         return {name: float(value.value) for name, value in found.items()}

@@ -132,16 +132,19 @@ def _kind(table: Px4Table, vehicle: Vehicle) -> tuple[str, float | None, float |
     airframe, model = vehicle.airframe, vehicle.model
     if len(table.rotors) != len(airframe.rotors):
         return "custom", None, None, False
-    upper = [e for r, e in zip(airframe.rotors, table.rotors, strict=True) if r.level != "lower"]
-    lower = [e for r, e in zip(airframe.rotors, table.rotors, strict=True) if r.level == "lower"]
-    top, bottom = _mean(upper), _mean(lower)
-    if not (_alike(upper) and _alike(lower)) or top is None:
+    of = {
+        level: [e for r, e in zip(airframe.rotors, table.rotors, strict=True) if r.level == level]
+        for level in ("upper", "lower", "single")
+    }
+    top, bottom = _mean(of["upper"] or of["single"]), _mean(of["lower"])
+    pairs = [(table.rotors[u].ct, table.rotors[w].ct) for u, w in airframe.pairs]
+    if pairs and table.thr_mdl_fac < 0.995 and not any(_near(u, w) for u, w in pairs):
+        # squares (eq. 6) need THR_MDL_FAC 1: unequal columns under another curve were fitted, arm by arm
+        return "fitted", top, bottom, False
+    if not all(map(_alike, of.values())) or top is None:
         return "custom", top, bottom, False
     if bottom is None or _near(top, bottom):
         return "standard", top, bottom, _near(top, standard_coefficients(model, of_commands=True).p)
-    if table.thr_mdl_fac < 0.995:
-        # squares (eq. 6) need THR_MDL_FAC 1: unequal columns under another curve were fitted to it
-        return "fitted", top, bottom, False
     reduced = reduced_coefficients(model, of_commands=True)
     return "reduced", top, bottom, _near(top, reduced.p_upper) and _near(bottom, reduced.p_lower)
 

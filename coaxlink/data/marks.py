@@ -7,6 +7,11 @@ Sources: Betaflight and INAV `blackbox.c` and blackbox-tools (headers, decoded t
 from __future__ import annotations
 
 import re
+from pathlib import Path
+
+from coaxlink import files
+from coaxlink.errors import InputError
+from firmware_params import bounded
 
 _BLACKBOX = re.compile(rb"Blackbox flight data recorder")
 _REVISION = re.compile(rb"^\"?H? ?Firmware revision\"?[:,]\"?([\w .\-]{1,40})", re.MULTILINE)
@@ -38,7 +43,21 @@ _FORMATS = (
     (b"\x80\x04\x95", "a Python pickle"),
     (b"\x7fELF", "a program"),
 )
-_LOGS = "flight logs are read of PX4 (ULog), ArduPilot (DataFlash) and MAVLink (tlog), or as CSV"
+LOOKS = 8000  # bytes that tell a text's kind: a station's own lines may stand above the formats
+_LOGS = (
+    "flights are read from ULog (PX4), DataFlash (ArduPilot), tlog and CSV, stands from CSV and spreadsheets"
+)
+
+
+def refuse_foreign(path: Path) -> None:
+    """Raises InputError for a file of another program, by its name."""
+    with files.reading(path):
+        bounded.check_regular(path)
+        with path.open("rb") as stream:
+            head = stream.read(LOOKS)
+        length = path.stat().st_size
+    if other := foreign(head, length):
+        raise InputError(path, "", other)
 
 
 def foreign(head: bytes, length: int) -> str:
