@@ -29,7 +29,7 @@ DEMANDS = 4  # thrust and three torques
 LEAST_ROWS = 100  # for the fifteen numbers of a fit, judgement
 FIT_ROWS = 4000  # effort
 STUCK_S = 0.5  # all commands at once: less is a packet that was lost
-SHIFTS_S = np.linspace(-0.2, 0.2, 41)  # that are tried
+SHIFTS_S = np.linspace(-0.3, 0.3, 61)  # that are tried
 LATE_S = 0.015  # three periods of an autopilot's outputs (200 Hz): its clocks and queues are apart by less
 LIMITS = ("MOT_SPIN_MIN", "MOT_SPIN_MAX")  # of ArduPilot; PX4's outputs end where a command is 0 or 1
 QUIET = 5.0  # usual pauses: a longer one is silence, as `data.logs.streams` has it of a gap
@@ -76,7 +76,7 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     if free_rows := _Free.of(log, names, commands, usable):
         yield from (
             list(_coarse(log, names, commands, usable))
-            or [*_late(log, free_rows), *_changed(log, free_rows)][:1]
+            or [*_late_somewhere(log, free_rows), *_changed(log, free_rows)][:1]
         )
     for k, n in enumerate(rotors):
         if log.has(f"rpm{n}"):
@@ -231,6 +231,18 @@ class _Free:
 def _rest(values: Array, design: Array) -> Array:
     """(rows, M) what a fit leaves of columns."""
     return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
+
+
+def _late_somewhere(log: Samples, free: _Free) -> Iterator[Finding]:
+    """A command that is late in all of a log, or in its first or second half."""
+    count = len(free.rows)
+    for part in (slice(None), slice(0, count // 2), slice(count // 2, count)):
+        if count // 2 < LEAST_ROWS and part != slice(None):
+            return
+        some = replace(free, rows=free.rows[part], designs=[d[part] for d in free.designs])
+        if found := list(_late(log, some)):
+            yield found[0]
+            return
 
 
 def _late(log: Samples, free: _Free) -> Iterator[Finding]:
