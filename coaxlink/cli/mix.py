@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.mixer_core import live_law
     from coaxlink.live.record import LiveRecord
     from coaxlink.mavlink import Session
     from coaxlink.vehicle import Vehicle
@@ -74,6 +73,7 @@ def mix(
     from coaxlink.live.geometry import refuse_other_vehicle
     from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.mixer_core import live_law
     from coaxlink.live.paths import may_be_bridged, own_curve
     from coaxlink.mavlink.confirm import alone
 
