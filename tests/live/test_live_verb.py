@@ -122,7 +122,7 @@ def test_a_loop_that_fails_is_exit_code_1_and_another_companion_4(mix: Verb, cap
     assert "another companion commands the motors" in capsys.readouterr().err
     broken = {"name": "exact", "dropped": (), "speeds": lambda self, wrench: 1 / (wrench[1] == 0)}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coaxlink.mixer.make_law", lambda *_: type("Law", (), broken)())
+        patch.setattr("coaxlink.live.mixer_core.live_law", lambda *_: type("Law", (), broken)())
         assert mix() == 1
     assert "live mixing stopped itself and fell silent" in capsys.readouterr().err
 
