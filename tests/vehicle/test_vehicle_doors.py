@@ -82,6 +82,8 @@ TAKE_BOTH = {
     "coaxlink.effects.static.StaticVehicle.__init__",  # a Vehicle that is being made
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
+    "coaxlink.residual.channels.flight.flown",  # which stretches are long enough for it
+    "coaxlink.health.coefficients.by_speed",  # logged speeds into commands, no load
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.premises.magnets.miscounted",  # the declared vehicle against what a log shows
     "coaxlink.premises.rotation.turned_otherwise",  # how pairs turn, no load
