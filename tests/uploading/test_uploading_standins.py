@@ -127,7 +127,7 @@ def test_ardupilot_refuses_what_it_must(tables, tmp_path):
 
 
 def without_sums(text):
-    """As an owner writes it: by its checksums a half of another table is refused before the board is asked."""
+    """As an owner writes it: by its checksums a half of another table is refused unasked."""
     return re.sub(r"^(# File: |SCR_LD_CHECKSUM,).*\n", "", text, flags=re.MULTILINE)
 
 
