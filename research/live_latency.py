@@ -17,6 +17,7 @@ import multiprocessing
 import os
 import random
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -34,9 +35,13 @@ from coaxlink.mavlink import codec
 from coaxlink.mavlink.clock import VirtualClock
 from coaxlink.mavlink.session import Session
 from coaxlink.studies.simulator import free_port
+from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import load_vehicle
+from firmware_params import px4
 
 AIRFRAME = Path(__file__).parents[1] / "examples" / "x8_paper.toml"
+ON_BOARD = {"THR_MDL_FAC": 1.0, "SYS_CTRL_ALLOC": 1}
+ON_BOARD |= px4.table_to_params(px4_table(load_vehicle(AIRFRAME), "standard"))
 LATE_S, BLOCKS = 0.02, 4
 DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
 BEAT = m.MAVLink_heartbeat_message(14, 12, 81 | m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 3, 3)
@@ -47,11 +52,22 @@ def demand(stamp: int, number: int) -> bytes:
     return DEMAND.pack(number % 256, 1, 1, stamp, *controls, 0)
 
 
+def parameter(name: str) -> m.MAVLink_param_value_message:
+    value = ON_BOARD[name]
+    kind = m.MAV_PARAM_TYPE_INT32 if isinstance(value, int) else m.MAV_PARAM_TYPE_REAL32
+    sent = struct.unpack("<f", struct.pack("<i", value))[0] if isinstance(value, int) else value  # as PX4 does
+    names = list(ON_BOARD)
+    return m.MAVLink_param_value_message(name.encode(), sent, kind, len(names), names.index(name))
+
+
 def autopilot(message: Any) -> list[Any]:
-    """As much of one as `mix` asks for: version, THR_MDL_FAC, the stream."""
+    """As much of one as `mix` asks for: version, parameters, the stream."""
     kind, none = message.get_type(), [0] * 8
+    if kind == "PARAM_REQUEST_LIST":
+        return [parameter(name) for name in ON_BOARD]
     if kind == "PARAM_REQUEST_READ":
-        return [m.MAVLink_param_value_message(b"THR_MDL_FAC", 1.0, 9, 1, 0)]
+        name = list(ON_BOARD)[message.param_index] if message.param_index >= 0 else message.param_id
+        return [parameter(name)] if name in ON_BOARD else []
     if kind != "COMMAND_LONG":
         return []
     said = [m.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191)]
@@ -71,11 +87,13 @@ def echo(port: int) -> None:
             line.sendto(ANSWER.pack(0, 1, 1, DEMAND.unpack(data[10:-2])[0], *[0.0] * 8, 0, 1, 1), peer)
 
 
-def meet(line: socket.socket) -> None:
+def meet(line: socket.socket, verb: subprocess.Popen[str]) -> None:
     """Until `mix` has asked for the demand, and a heartbeat a second from then on."""
     mav, asked = m.MAVLink(None, 1, 1), False
     line.settimeout(0.01)
     while not asked:
+        if verb.poll() is not None:
+            sys.exit(f"mix ended with {verb.returncode}")
         with contextlib.suppress(OSError):
             line.send(BEAT.pack(mav))
             for message in mav.parse_buffer(line.recv(2048)) or []:
@@ -131,7 +149,7 @@ def real_time(cycles: int, rate_hz: float, law: str) -> None:
     command = [sys.executable, "-m", "coaxlink", *words, "--connect", f"udpin:127.0.0.1:{port}"]
     echoing = multiprocessing.Process(target=echo, args=(echo_port,), daemon=True)
     verb = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    meet(lines["mix"])
+    meet(lines["mix"], verb)
     echoing.start()
     times: dict[str, list[np.ndarray]] = {"echo": [], "mix": []}
     round_trips(lines["mix"], rate_hz, round(rate_hz))  # until the law has faded in
