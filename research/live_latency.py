@@ -59,7 +59,7 @@ def parameter(name: str) -> m.MAVLink_param_value_message:
         struct.unpack("<f", struct.pack("<i", value))[0] if isinstance(value, int) else value
     )  # as PX4 does
     names = list(ON_BOARD)
-    return m.MAVLink_param_value_message(name.encode(), sent, kind, len(names), names.index(name))
+    return m.MAVLink_param_value_message(name.encode(), value, kind, len(names), names.index(name))
 
 
 def autopilot(message: Any) -> list[Any]:

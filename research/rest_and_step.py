@@ -68,7 +68,7 @@ def apart(bench: Bench, averaged: Identification, found: Identification, rest_s:
 
 
 def still_s(bench: Bench, pieces: list[bench_of.Piece]) -> float:
-    """Seconds of rest that tell a tare: rotors run out first, and a third of a rest after a run is not used."""
+    """Seconds of rest that tell a tare: rotors run out first, and a third of a later rest is not used."""
     out = 0.0
     for number, (seconds, a, b) in enumerate(pieces):
         if not a.any() and not b.any():
