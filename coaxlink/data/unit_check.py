@@ -19,7 +19,7 @@ from coaxlink.errors import InputError
 
 SHAFT = "shaft_power_W"  # a rotor's column that serves to check units and is no part of a log
 FEWEST = 6  # rows: with fewer nothing is identified anyway
-FOLLOWS = 2.0  # times the squares left over
+WORSE = 2.0  # times the squares left over
 BOTH = 0.2  # of what goes with its own speed: half of the least that a lower rotor in a wake gives
 UNEXPLAINED = 0.5  # of a load's squares by its own rotor's speed
 POLES = (12, 14, 20, 24, 28, 36, 40)  # magnets of motors that carry propellers
@@ -124,7 +124,7 @@ def _follows_other(samples: Samples, load: str, effort: str) -> bool:
         y = samples[load]
         left.append(float(np.sum((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2)))
     total = float(np.sum((samples[load] - samples[load].mean()) ** 2))
-    return left[0] > UNEXPLAINED * total and left[0] > FOLLOWS * left[1]
+    return left[0] > UNEXPLAINED * total and left[0] > WORSE * left[1]
 
 
 def check_units(

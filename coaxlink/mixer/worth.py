@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, HALF_A_PWM_STEP
 from coaxlink.mixer.demands import Commands, envelope
 from coaxlink.vehicle import Vehicle, battery_watts, shaft_watts
 
@@ -32,7 +32,6 @@ LOADS, TOPMOST = (
     12,
     0.98,
 )  # masses at which sink is given; the heaviest, as a share of what the ceiling carries
-BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
 # shaft over electrical watts of motor and ESC where a stand measured no volts and amps: a premise that enters
 # minutes and never their ratio
 DRIVE_EFFICIENCY = 0.80
@@ -222,7 +221,7 @@ class TableOnRotors:
 
     def bound(self, commands: Array) -> NDArray[np.bool_]:
         """Whether rotors (N,) can go no further."""
-        return (commands <= self.least + BOUND) | (commands >= 1.0 - BOUND)
+        return (commands <= self.least + HALF_A_PWM_STEP) | (commands >= 1.0 - HALF_A_PWM_STEP)
 
     def lift(self, thrust: float) -> float:
         return float(self.wrench(np.array([thrust, 0.0, 0.0, 0.0]))[0])

@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.mavlink.confirm import TWO_BEATS_S, confirm
+from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.session import Session
+from coaxlink.mavlink.strangers import TWO_BEATS_S
 from coaxlink.uploading.backup import Backup, Note
 from coaxlink.uploading.board import Board
 from coaxlink.uploading.board_ardupilot import ArduPilotBoard
