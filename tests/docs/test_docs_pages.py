@@ -50,6 +50,20 @@ def write_stand(path):
     path.write_text("\n".join(rows) + "\n")
 
 
+def figures_are_those_of_the_run(page, said):
+    """The tutorial's numbers, in the two digits that it gives, are what its commands have just printed."""
+    page, said = (" ".join(text.split()) for text in (page, said))
+    errors = r"falls from ([\d.]+) to ([\d.]+) N m"
+    printed = re.search(errors + r" \(noise alone: [\d.]+; ([\d.]+) with small corrections", said)
+    given = re.search(errors + r"\..*? down to ([\d.]+) N m", page)
+    assert [float(x) for x in given.groups()] == pytest.approx([float(x) for x in printed.groups()], rel=0.05)
+    lost = (
+        re.search(r"rotor 6 had lost (\d+) %", page),
+        re.search(r"rotor 6: (\d+) %.*? and back since", said),
+    )
+    assert abs(int(lost[0][1]) - int(lost[1][1])) <= 1
+
+
 @pytest.fixture
 def reader(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -67,6 +81,7 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     reader.follow("tutorial.md")
     said = "\n".join(out for out, _ in reader.said.values())
     assert "found: degraded_rotor" in said and "verified" in said
+    figures_are_those_of_the_run((DOCS / "tutorial.md").read_text(), said)
     assert "lower rotors carried" in (tmp_path / "both.html").read_text()
 
     for page in ("stand.md", "airframe.md", "howto/px4.md", "howto/failed_upload.md",
