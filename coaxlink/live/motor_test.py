@@ -29,8 +29,8 @@ from firmware_params.px4.parameters import MOTOR_1
 if TYPE_CHECKING:
     from coaxlink.mavlink.session import Session
 
-THROTTLE = 0.10
-SECONDS = 1.5
+THROTTLE = 0.10  # of full command, props off
+SECONDS = 1.5  # of one motor
 SPINS = {1: "ccw", -1: "cw"}
 _OUTPUT = re.compile(r"SERVO\d+_FUNCTION|\w+_FUNC\d+")  # of any driver
 _DSHOT = range(4, 8)  # of MOT_PWM_TYPE: DShot150 to DShot1200, whose ESCs SERVO_BLH_RVMASK turns round

@@ -29,7 +29,7 @@ DRIVEN_ALONE = 0.5  # of a rotor's own fastest: below, a wake may well push it d
 # of the range that was measured: between the forms that the paper flies (CRM, R-CRM: 0.007 to 0.039) and the
 # one that it finds unfit (SRM: 0.052 and 0.078; Berra, Trujillo and Heredia 2024, Table 2, NRMSE)
 POOR = 0.05
-SHOWN = 4
+SHOWN = 4  # rows named
 CROSSTALK = 0.05  # of the typical watts: what a split saves is of this size
 MOST_EFFICIENT, LEAST_EFFICIENT = 1.0, 0.5  # shaft over battery watts of a drive: physics; a motor near stall
 

@@ -27,7 +27,7 @@ from firmware_params.errors import Finding, TableError
 
 ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
 _AXES = (*TURNS, "thrust")
-_LEAN_SHARE = 0.02
+_LEAN_SHARE = 0.02  # of the largest entry of an axis: less of an error is not named
 _LEVEL = np.linspace(*ENVELOPE, 12)  # of the weight: the envelope's thrusts
 
 
