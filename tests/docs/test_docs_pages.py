@@ -2,7 +2,6 @@
 
 import re
 from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,11 +153,14 @@ def test_the_service_file_names_what_mix_takes_and_the_exit_codes_that_need_a_pe
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["README.md", "docs/mixers.md"])
-def test_the_python_on_the_page_runs(page, monkeypatch, capsys):
+def test_the_python_on_every_page_runs(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
-    found = re.findall(r"```python\n(.*?)```", Path(page).read_text(), re.DOTALL)
-    assert found
-    for code in found:
-        exec(compile(code, page, "exec"), {})
+    found = [
+        (page, code)
+        for page in PAGES
+        for code in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    ]
+    assert any(page.name == "README.md" for page, _ in found)
+    for page, code in found:
+        exec(compile(code, str(page), "exec"), {})
     assert capsys.readouterr().out.strip()
