@@ -24,11 +24,11 @@ from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer import make_law
 from coaxlink.mixer.split import SplitLaw, SplitLevel, equal_share, split_levels, upper_share
+from coaxlink.threads import SWITCH_S
 from coaxlink.vehicle import Vehicle
 
 BEATS_HZ = 10.0  # of heartbeats, which tell the pilot's mode change
 BATTERY, HEARTBEAT = 147, 0  # message ids
-SWITCH_S = 2e-4  # how long another thread may keep the live loop from the interpreter
 HELD = 0.8  # of the weight, that the autopilot's own mixer must carry at the demand of the law
 EVEN = 1e-3  # throttle factors closer than this are equal
 

@@ -15,8 +15,8 @@ from coaxlink.mavlink.telemetry import Telemetry
 
 RAMP_S = 1.0  # from a level to the next
 SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop and the power module's filter
-DWELL_S = 12.0
-POWER_HZ = 10.0
+DWELL_S = 12.0  # at one split, the settling in it
+POWER_HZ = 10.0  # of the battery messages that are asked for
 COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
 
 

@@ -32,7 +32,7 @@ def found(*names):
     effects = tuple(FoundEffect(n, ("force_z",), (), {"force_z": (5.1, 1.0)}, {}, "") for n in names)
     causes = {(n, "force_z"): ("height_m", np.zeros(1)) for n in (*names, "axial_inflow")}
     rows = np.zeros((1, 1))
-    series = Series(np.zeros(1), ("force_z",), rows, rows, causes, {"force_z": 1.0})
+    series = Series(np.zeros(1), ("force_z",), rows, rows, rows, causes, {"force_z": 1.0})
     answer = Refinement("flight", {"force_z": left}, effects, (), (), (), (), None, series=series)
     return replace(answer, corrections={"upper_thrust_level": 0.04, "lower_thrust_level": 0.04})
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
 
 PLAN = "split"
-LEVELS = 7
+LEVELS = 7  # splits that are flown, evenly over the reach
 
 
 class Split:
