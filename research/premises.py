@@ -339,6 +339,13 @@ def weighed(verb: str, log: Any, vehicle: Any) -> tuple[str, tuple[str, ...], An
     return words(verb, found, "a model"), (*granted, *(str(r["why"]) for r in lacks)), loads
 
 
+def told_of(log: Any, vehicle: Any) -> set[tuple[str, str]]:
+    """What `health`, `refine` and `identify` say of columns before they infer anything (`faults.inputs`)."""
+    from coaxlink.residual.faults.inputs import checked
+
+    return {(s.column, s.why) for s in checked([log], vehicle.declared).suspects}
+
+
 def alike(now: Any, then: Any) -> bool:
     """Whether loads in hover (prior, its sd, value, its sd) lie within each other's 95 %."""
     if now is None or then is None:
@@ -376,6 +383,10 @@ def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path]) -> in
         damaged, what = WAYS[way](log, column, rows, dice)
         if damaged is log:
             continue
+        print(f"\r{n + 1}", end="", file=sys.stderr, flush=True)
+        if told_of(damaged, vehicle) - told_of(log, vehicle):  # every verb says it: no time is spent on that
+            found.update((way, verb, "with doubt") for verb in verbs)
+            continue
         for verb in verbs:
             answer, doubts, loads = weighed(verb, damaged, vehicle)
             before, granted, then = right[name, verb]
@@ -384,7 +395,6 @@ def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path]) -> in
             why = UNTOLD.get((way, kind_of(column), bool(rows.all())), "") if how == "SILENT" else ""
             how = "untold" if why else how
             found[way, verb, how] += 1
-            print(f"\r{n + 1}", end="", file=sys.stderr, flush=True)
             if how in ("SILENT", "untold"):
                 print(f"{n}: {name}, {way} {column} {what}: {verb}: {answer}; {how} {why}", flush=True)
     hows = ("the same", "with doubt", "untold", "SILENT")
