@@ -18,10 +18,10 @@ from coaxlink import _interrupts
 from coaxlink.cli.shared.shell import interrupted, run
 from coaxlink.cli.shared.verbs import Verbs
 
-# verbs that read, and have nothing to put back before they are on a line, write a file or start processes
+# verbs that have nothing to put back before they are on a line, write a file or start processes
 READERS = (
-    "airframe", "allocate", "bridge", "compare", "examples", "health", "identify", "init", "refine", "report",
-    "table",
+    "airframe", "allocate", "bridge", "compare", "demo", "examples", "health", "identify", "init", "loop",
+    "refine", "report", "reproduce", "table",
 )  # fmt: skip
 
 
