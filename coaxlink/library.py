@@ -108,7 +108,7 @@ def make_table(
     *,
     around_weak_rotor: bool = False,
 ) -> Table:
-    """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
+    """The table of a law (fitted, balanced, reduced, standard, curved) for a vehicle; nothing is written.
 
     Raises InputError for a vehicle that the firmware cannot hold, SafetyRefusal for a rotor file that says
     that a rotor is weak, without `around_weak_rotor`.

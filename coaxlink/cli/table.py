@@ -45,7 +45,7 @@ def table(
     law: Annotated[
         str | None,
         typer.Option(
-            help="fitted, reduced, standard or curved; else by the margins (docs/mixers.md).",
+            help="fitted, balanced, reduced, standard or curved; else by the margins (docs/mixers.md).",
             autocompletion=one_of(*TABLE_LAWS),
         ),
     ] = None,

@@ -21,6 +21,7 @@ from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.mixer.worth import solve
 from coaxlink.tables import TABLE_LAWS
 from coaxlink.tables.behaviour import TURNS, Behaviour, behaviour
+from coaxlink.tables.default_law import BALANCED, balanced_fit
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
@@ -73,6 +74,9 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
         raise InputError("`law`", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
     if law == "fitted":
         return px4_columns(airframe, fit_table(vehicle))
+    if law == BALANCED:
+        fit = balanced_fit(vehicle, lambda law, fit: px4_commands(report_px4(vehicle, law, fit=fit).mix))
+        return px4_columns(airframe, fit)
     if law == "curved":
         plain = px4_table(vehicle, "standard")
         return dataclasses.replace(plain, thr_mdl_fac=own_curve(vehicle, plain))

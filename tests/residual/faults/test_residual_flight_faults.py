@@ -56,6 +56,16 @@ def test_another_scale_for_a_while_has_its_rows(clean):
     assert column == "accel_z_m_s2" and "times" in why and np.mean(rows == late) > 0.95
 
 
+def test_another_scale_from_the_middle_on_is_no_noise(clean):
+    """Half of a flight is off: neither half is an outlier of the other."""
+    time = clean["time_s"]
+    for share in (0.45, 0.5, 0.55):
+        late = time > time[0] + share * (time[-1] - time[0])
+        harmed = clean | {"accel_z_m_s2": np.where(late, 0.83, 1.0) * clean["accel_z_m_s2"]}
+        found = column_faults(Samples(harmed, "fault"))
+        assert [column for column, *_ in found] == ["accel_z_m_s2"], share
+
+
 def test_what_the_yardstick_misses_a_little_adds_up_to_no_fault_however_long_the_flight(clean, monkeypatch):
     kin = kinematics_of(Samples(clean, "long"))
     long = replace(kin, first=np.tile(kin.first, 60))
