@@ -1,7 +1,7 @@
 """`fly --plan split` flown on stand-ins, in worlds of raw stand maps: what it finds, and what is true there.
 
     python research/split_flown.py [FOLDER] [--only mn4014_16in_zD055] [--ways px4 module ardupilot]
-        [--seeds 1] [--reach 0.12] [--flat] [--keep DIR] [--small]
+        [--seeds 1] [--reach 0.12] [--felt 3] [--flat] [--keep DIR] [--small]
 
 FOLDER holds the coaxial maps of the shared data (default: ../shared/data/coax beside the repository). Of
 each map: `identify` and `init` as a user runs them, then an X8 of four such pairs whose world interpolates
@@ -10,6 +10,9 @@ module that reads 6 % and 0.7 A too much, late, with 0.4 A of noise in steps of 
 minutes, the second time with a fresh pack and `--after`, by the verb `fly`, on the stand-in PX4 1.13, on PX4
 1.16 with the module, on ArduCopter with the script; everything in memory on one virtual clock. The logs of
 the second flight go through `identify`, `refine` and `health`.
+
+Gusts push that vehicle and do not change what its rotors lift, unless `--felt` says by how much
+(`axial_inflow` of the simulator; 3 is 2 % of thrust for half a metre a second up).
 
 What is true is the world's own: watts of the pair over the share at the hover's thrust, by its tables; the
 share that a level really gives is the plant's, as it was flown. `--flat` puts another map in the place of
@@ -73,6 +76,11 @@ offset_A = 0.7
 delay_s = 0.4
 noise_A = 0.4
 step_A = 0.1
+"""
+FELT = """
+[[effects]]
+name = "axial_inflow"
+size = {}
 """
 
 
@@ -181,11 +189,16 @@ class Found:
     problem: str = ""
 
 
-def flown(way: str, map_file: Path, frame: Path, folder: Path, seed: int, *more: Any) -> dict[str, Any]:
-    """One flight of the verb; its log lies in `folder` as the card has it. Raises RuntimeError."""
+def flown(
+    way: str, map_file: Path, frame: Path, folder: Path, seed: int, told: str, *more: Any
+) -> dict[str, Any]:
+    """One flight of the verb in a world of which `told` is true; its log lies in `folder` as the card has it.
+
+    Raises RuntimeError.
+    """
     folder.mkdir(parents=True)
     truth = folder / "truth.toml"
-    truth.write_text(TRUTH)
+    truth.write_text(told)
     flight = WAYS[way](load_vehicle(frame), seed, airframe=frame, rotor=map_file, truth=truth, seed=seed)
     words: list[Any] = ["fly", "--plan", "split", "--connect", flight.url(), "--airframe", frame, *more]
     words += ["--battery", 0.1, "--no-log", "--yes", "--out", folder, "--json", folder / "fly.json"]
@@ -265,7 +278,7 @@ def flat_map(path: Path, out: Path) -> Path:
     return out
 
 
-def walk(path: Path, folder: Path, way: str, seed: int, minutes: float, reach: float) -> Found:
+def walk(path: Path, folder: Path, way: str, seed: int, told: str, options: list[Any]) -> Found:
     """Two flights of one map by one way."""
     found = Found(f"{path.stem} {way} {seed}")
     rotor, frame = folder / "rotor.toml", folder / "x8.toml"
@@ -276,11 +289,11 @@ def walk(path: Path, folder: Path, way: str, seed: int, minutes: float, reach: f
             text = re.sub(rf'{key} = "[a-z]+"', f'{key} = "measured"', text)
         frame.write_text(text)
     weight_N = GRAVITY * load_airframe(frame).mass_kg
-    options = ["--minutes", minutes, "--split-reach", reach]
     try:
         first, second = folder / f"{way}_{seed}_1", folder / f"{way}_{seed}_2"
-        levels = flown(way, path, frame, first, 2 * seed, *options)["true_share"]
-        last = flown(way, path, frame, second, 2 * seed + 1, *options, "--after", first / "fly.json")
+        levels = flown(way, path, frame, first, 2 * seed, told, *options)["true_share"]
+        again = (*options, "--after", first / "fly.json")
+        last = flown(way, path, frame, second, 2 * seed + 1, told, *again)
         answer = last["split"]
         if "share" not in answer:
             raise RuntimeError(answer["why"])
@@ -318,6 +331,7 @@ def main() -> None:
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=["px4", "ardupilot"])
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--reach", type=float, default=0.12, help="of shares, to both sides of the board's")
+    parser.add_argument("--felt", type=float, default=0.0, help="axial_inflow: rotors feel the gusts")
     parser.add_argument("--flat", action="store_true")
     parser.add_argument("--keep", type=Path, help="a new folder for all logs")
     parser.add_argument("--small", action="store_true")
@@ -329,6 +343,8 @@ def main() -> None:
         minutes, ways = MINUTES, given.ways
         if given.small:
             paths, minutes, ways = [made_map(place / "made_zD07.csv")], 2.8, ["px4"]
+        options = ["--minutes", minutes, "--split-reach", given.reach]
+        told = TRUTH + (FELT.format(given.felt) if given.felt else "")
         if given.flat:
             paths = [flat_map(path, place / f"{path.stem}_flat.csv") for path in paths]
         for path in paths:
@@ -336,7 +352,7 @@ def main() -> None:
             folder.mkdir()
             for way in ways:
                 for seed in range(given.seeds):
-                    show(walk(path, folder, way, seed, minutes, given.reach))
+                    show(walk(path, folder, way, seed, told, options))
 
 
 if __name__ == "__main__":
