@@ -17,7 +17,7 @@ Gusts push that vehicle and do not change what its rotors lift, unless `--felt` 
 What is true is the world's own: watts of the pair over the share at the hover's thrust, by its tables; the
 share that a level really gives is the plant's, as it was flown. `--flat` puts another map in the place of
 each: its loads, and watts that are least where both motors have the same command, by a law that no model of
-coaxlink has. `--small` takes a minute: 2.9 minutes of hover on a map that is made here.
+coaxlink has. `--small` takes a minute: one hover of 4.2 minutes on a map that is made here.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ from typing import Any
 import numpy as np
 from real_pairs import GRAVITY, coaxlink, made_map, vehicle_file, verdicts
 
-from coaxlink.airframe import load_airframe
 from coaxlink.cli import main as verb
 from coaxlink.cli.shared.coax_firmware import coax_firmware
 from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
@@ -51,12 +50,17 @@ sys.path.insert(0, str(HERE.parent / "tests" / "helpers"))
 from live_flight import Flight  # noqa: E402
 from memory_net import plugged  # noqa: E402
 
-from sim.physics.rotors import read_pair  # noqa: E402
 from sim.truth import Truth  # noqa: E402
 from sim.vehicle import LOWER  # noqa: E402
+from sim.world import World as SimWorld  # noqa: E402
+from sim.world import build_plant  # noqa: E402
 
 MAPS = ["mn4014_16in_zD055", "propdrive_11in_zD07", "u5_16in_zD03"]  # one of each motor
 MINUTES = 6.0  # of each of two flights
+WARM_ROWS, WARM_S = (
+    41,
+    8.0,
+)  # shares at which windings are looked at, in turn: they stay as warm as on average
 EVERY = 25  # ticks between two looks at the plant
 TRUTH = """
 [[effects]]
@@ -136,19 +140,25 @@ WAYS = {"px4": Watched, "module": Module, "ardupilot": Copter}
 
 
 class World:
-    """Watts of four pairs over the upper rotors' share of the weight, by the world's own tables."""
+    """Watts of the pack over the upper rotors' share of the weight: the world's own tables, and what warm
+    windings take beside them."""
 
-    def __init__(self, path: Path, weight_N: float) -> None:
-        pair = read_pair(path)
-        axis = np.linspace(0.15, 1.15, 401)
+    def __init__(self, path: Path, frame: Path, truth: Path) -> None:
+        plant, true = build_plant(SimWorld(frame, rotor=path, truth=truth))
+        true.act(plant)
+        weight_N, pair, axis = GRAVITY * plant.vehicle.mass_kg, plant.pair, np.linspace(0.15, 1.15, 401)
         found = []
         for upper in axis:
             loads, drawn = pair.loads(upper, axis), pair.watts(upper, axis)
             total = 4.0 * (loads[0] + loads[2])
             if total[0] < weight_N < total[-1]:
-                at = [float(np.interp(weight_N, total, row)) for row in (loads[0], drawn.sum(axis=0))]
-                found.append((4.0 * at[0] / weight_N, 4.0 * at[1]))
-        self.share, self.drawn = np.array(sorted(found)).T
+                row = [float(np.interp(weight_N, total, row)) for row in (loads[0], drawn.sum(axis=0), axis)]
+                found.append((4.0 * row[0] / weight_N, 4.0 * row[1], upper, row[2]))
+        self.share, static, *speeds = np.array(sorted(found)).T
+        rows = np.linspace(0, len(static) - 1, WARM_ROWS).round().astype(int)
+        rows = rows[(self.share[rows] > 0.3) & (self.share[rows] < 0.9)]
+        more = [_pack_over_rotors(plant, *(float(u[k]) for u in speeds)) for k in (rows[0], *rows)][1:]
+        self.drawn = static * np.interp(self.share, self.share[rows], more)
 
     def watts(self, share: Any) -> Any:
         return np.interp(share, self.share, self.drawn)
@@ -156,6 +166,19 @@ class World:
     def least(self, low: float, high: float) -> float:
         grid = np.linspace(low, high, 2001)
         return float(grid[np.argmin(self.watts(grid))])
+
+
+def _pack_over_rotors(plant: Any, upper: float, lower: float) -> float:
+    """What the pack gives over what the rotors draw by the map, at these speeds for WARM_S, held in place."""
+    wanted = np.where(np.asarray(plant.vehicle.level) == LOWER, lower, upper)
+    start, command, found = plant.state[:13].copy(), wanted.copy(), []
+    for _ in range(round(WARM_S / 0.05)):
+        plant.advance(np.clip(command, 0.0, 1.0), 50)
+        plant.state[:13] = start
+        plant.state[2] = -4.0  # clear of the ground
+        command *= 1.0 + 0.5 * (wanted / np.maximum(plant.speeds, 0.05) - 1.0)
+        found.append(plant.voltage * plant.current / plant.rotor_watts().sum())
+    return float(np.mean(found[-20:]))
 
 
 def run(*words: Any) -> tuple[int, str, str]:
@@ -278,8 +301,8 @@ def flat_map(path: Path, out: Path) -> Path:
     return out
 
 
-def walk(path: Path, folder: Path, way: str, seed: int, told: str, options: list[Any]) -> Found:
-    """Two flights of one map by one way."""
+def walk(path: Path, folder: Path, way: str, seed: int, told: str, options: list[Any], once: bool) -> Found:
+    """Two flights of one map by one way, or with `once` one."""
     found = Found(f"{path.stem} {way} {seed}")
     rotor, frame = folder / "rotor.toml", folder / "x8.toml"
     if not frame.exists():
@@ -288,17 +311,17 @@ def walk(path: Path, folder: Path, way: str, seed: int, told: str, options: list
         for key in ("mass_kg", "inertia_kg_m2", "motor_lag_s"):  # the world's are this file's
             text = re.sub(rf'{key} = "[a-z]+"', f'{key} = "measured"', text)
         frame.write_text(text)
-    weight_N = GRAVITY * load_airframe(frame).mass_kg
     try:
         first, second = folder / f"{way}_{seed}_1", folder / f"{way}_{seed}_2"
-        levels = flown(way, path, frame, first, 2 * seed, told, *options)["true_share"]
-        again = (*options, "--after", first / "fly.json")
-        last = flown(way, path, frame, second, 2 * seed + 1, told, *again)
-        answer = last["split"]
+        first_flown = last = flown(way, path, frame, first, 2 * seed, told, *options)
+        if not once:
+            again = (*options, "--after", first / "fly.json")
+            last = flown(way, path, frame, second, 2 * seed + 1, told, *again)
+        levels, answer = first_flown["true_share"] + last["true_share"], last["split"]
         if "share" not in answer:
             raise RuntimeError(answer["why"])
-        judged(found, answer, np.array(levels + last["true_share"]), World(path, weight_N))
-        found.logs = logs(second, frame)
+        judged(found, answer, np.array(levels), World(path, frame, first / "truth.toml"))
+        found.logs = {} if once else logs(second, frame)
     except RuntimeError as error:
         found.problem = str(error)
     return found
@@ -342,7 +365,7 @@ def main() -> None:
         paths = [given.folder / f"{name}.csv" for name in given.only]
         minutes, ways = MINUTES, given.ways
         if given.small:
-            paths, minutes, ways = [made_map(place / "made_zD07.csv")], 2.8, ["px4"]
+            paths, minutes, ways = [made_map(place / "made_zD07.csv")], 4.2, ["px4"]
         options = ["--minutes", minutes, "--split-reach", given.reach]
         told = TRUTH + (FELT.format(given.felt) if given.felt else "")
         if given.flat:
@@ -352,7 +375,7 @@ def main() -> None:
             folder.mkdir()
             for way in ways:
                 for seed in range(given.seeds):
-                    show(walk(path, folder, way, seed, told, options))
+                    show(walk(path, folder, way, seed, told, options, given.small))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from coaxlink.mavlink.telemetry import Telemetry
 
 RAMP_S = 1.0  # from a level to the next
 SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop and the power module's filter
-DWELL_S = 12.0
+DWELL_S = 18.0  # settling takes two ninths of it; at 12 s a third, and savings scattered by a fifth more
 POWER_HZ = 10.0
 COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
 

@@ -128,7 +128,7 @@ def fly(flight: Aborted, capsys: Any, tmp_path: Path, act: Callable[[Aborted], A
 
     look()
     path = tmp_path / "fly.json"
-    words = ["fly", "--plan", "split", "--connect", flight.url(), "--airframe", FRAME, "--minutes", 2.9]
+    words = ["fly", "--plan", "split", "--connect", flight.url(), "--airframe", FRAME, "--minutes", 4.3]
     words += ["--no-log", "--yes", "--out", tmp_path, "--json", path, *options]
     with plugged(flight.net):
         code, _, err = run(capsys, *words)
