@@ -92,7 +92,8 @@ class SplitAnswer:
         """The answer in one line."""
         low, high = (100 * v for v in self.saving_ci)
         if not self.worth_it:
-            return f"nothing to gain beyond {high:.1f} %: a larger saving would not have been missed"
+            least = max(high, 0.1)  # a digit is all that is printed
+            return f"nothing to gain beyond {least:.1f} %: a larger saving would not have been missed"
         edge = "; the least may lie beyond what was flown (`split_reach`)" if self.at_edge else ""
         return (
             f"least power with {self.share:.3f} ({self._interval()}) of the thrust from above, "

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import SafetyRefusal
 from coaxlink.fly.flight import OverLimit
-from coaxlink.fly.split_plan import POWER_HZ, PowerRecord, SplitPlan
+from coaxlink.fly.split_plan import PowerRecord, SplitPlan, hearing
 from coaxlink.live.bridge import BridgeEnd
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.paths import own_curve
@@ -26,8 +26,6 @@ from coaxlink.tables.behaviour import behaviour
 from coaxlink.uploading.beside import commands_on_board
 from coaxlink.vehicle import Vehicle
 
-BEATS_HZ = 10.0  # of heartbeats, which tell the pilot's mode change
-BATTERY, HEARTBEAT = 147, 0  # message ids
 SWITCH_S = 2e-4  # how long another thread may keep the live loop from the interpreter
 HELD = 0.8  # of the weight, that the autopilot's own mixer must carry at the demand of the law
 
@@ -73,19 +71,13 @@ class SplitFlight:
     @contextmanager
     def mixing(self) -> Iterator[None]:
         """The companion in the loop; left with the split on board."""
-        session, switch = self._session, sys.getswitchinterval()
-        session.request_stream(BATTERY, POWER_HZ)
-        session.request_stream(HEARTBEAT, BEATS_HZ)
-        ends = [session.subscribe(self.record.telemetry.hear), session.subscribe(self.record.hear)]
+        switch = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
         try:
-            with self.mixer:
+            with hearing(self._session, self.record), self.mixer:
                 yield
         finally:
             sys.setswitchinterval(switch)
-            self.record.now_s = math.nan
-            for end in ends:
-                end()
 
     def watch(self, t: float) -> None:
         """Move the split to where it is at `t` s of the plan. Raises OverLimit where the mixer gave up."""
