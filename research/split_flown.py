@@ -1,7 +1,7 @@
 """`fly --plan split` flown on stand-ins, in worlds of raw stand maps: what it finds, and what is true there.
 
     python research/split_flown.py [FOLDER] [--only mn4014_16in_zD055] [--ways px4 module ardupilot]
-        [--seeds 1] [--reach 0.12] [--felt 3] [--flat] [--keep DIR] [--small]
+        [--seeds 1] [--reach 0.12] [--felt 3] [--on-board 0.51] [--flat] [--keep DIR] [--small]
 
 FOLDER holds the coaxial maps of the shared data (default: ../shared/data/coax beside the repository). Of
 each map: `identify` and `init` as a user runs them, then an X8 of four such pairs whose world interpolates
@@ -43,6 +43,8 @@ from coaxlink.cli.shared.coax_firmware import coax_firmware
 from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.live.onboard.description import board_law
 from coaxlink.live.onboard.px4 import module_files
+from coaxlink.mixer.split import table_of
+from coaxlink.tables.ardupilot import report_ap
 from coaxlink.vehicle import load_vehicle
 
 HERE = Path(__file__).resolve().parent
@@ -121,14 +123,21 @@ class Module(Watched):
 
 class Copter(Watched):
     firmware = "ardupilot"
+    table: float | None = None  # share of the table on board
 
     def prepare(self) -> None:
-        a = self.autopilot
+        a, texts = self.autopilot, {SCRIPT_NAME: bridge_script(8)}
         a.scripts_start_s = 0.0
         a.store.write("SCR_ENABLE", 1.0)
+        if self.table is not None:
+            report = report_ap(self.vehicle, "fitted", fit=table_of(self.vehicle, self.table))
+            texts |= report.scripts
+            for name, value in report.params.items():
+                if name != "SCR_LD_CHECKSUM":  # of these scripts alone
+                    a.store.write(name, value)
         a.boot()
         a.files.folders.add("scripts")
-        a.files.files[f"scripts/{SCRIPT_NAME}"] = bridge_script(8).encode()
+        a.files.files.update({f"scripts/{name}": text.encode() for name, text in texts.items()})
         a.boot()
 
     @property
@@ -355,10 +364,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--reach", type=float, default=0.12, help="of shares, to both sides of the board's")
     parser.add_argument("--felt", type=float, default=0.0, help="axial_inflow: rotors feel the gusts")
+    parser.add_argument("--on-board", type=float, help="ardupilot: a table of this share, as found before")
     parser.add_argument("--flat", action="store_true")
     parser.add_argument("--keep", type=Path, help="a new folder for all logs")
     parser.add_argument("--small", action="store_true")
     given = parser.parse_args()
+    Copter.table = given.on_board
     with tempfile.TemporaryDirectory() as scratch:
         place = given.keep or Path(scratch)
         place.mkdir(parents=True, exist_ok=True)
