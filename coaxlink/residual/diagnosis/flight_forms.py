@@ -59,6 +59,7 @@ class Line:
 class Strain:
     """Corrections of one kind that together lie further out than the vehicle's premises have them."""
 
+    load: str  # thrust or torque
     channel: str  # where they add most
     motor: str  # of the rotor that is furthest out
     share: float  # of its load
@@ -130,6 +131,7 @@ class Left:
         c, most = int(np.argmax(rms / ch.reference)), int(np.argmax(np.abs(out)))
         chance = float(chi2.logsf(np.sum(out**2), told)) + np.log(len(LOADS)) if told > 0.0 else 0.0
         return Strain(
+            load=load,
             channel=ch.names[c],
             motor=ch.nuisance[of[most]].name.split("_")[0].replace("rotor", "motor"),
             share=float(fit.values[at[most]]),
