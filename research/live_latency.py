@@ -53,11 +53,11 @@ def demand(stamp: int, number: int) -> bytes:
 
 
 def parameter(name: str) -> m.MAVLink_param_value_message:
-    value = ON_BOARD[name]
-    kind = m.MAV_PARAM_TYPE_INT32 if isinstance(value, int) else m.MAV_PARAM_TYPE_REAL32
-    sent = struct.unpack("<f", struct.pack("<i", value))[0] if isinstance(value, int) else value  # as PX4 does
+    value, kind = ON_BOARD[name], m.MAV_PARAM_TYPE_REAL32
+    if isinstance(value, int):  # its bits in a float, as PX4 does
+        value, kind = struct.unpack("<f", struct.pack("<i", value))[0], m.MAV_PARAM_TYPE_INT32
     names = list(ON_BOARD)
-    return m.MAVLink_param_value_message(name.encode(), sent, kind, len(names), names.index(name))
+    return m.MAVLink_param_value_message(name.encode(), value, kind, len(names), names.index(name))
 
 
 def autopilot(message: Any) -> list[Any]:

@@ -108,7 +108,7 @@ def row(a: Autopilot) -> list[float]:
 
 def write_flight(path: Path, log: dict[str, NDArray[np.float64]]) -> None:
     """The log as CSV, whole or not at all. Raises WorldError."""
-    digits = {"time_s": 3, "voltage_V": 3, "height_m": 3}
+    digits = {"time_s": 4, "voltage_V": 3, "height_m": 3}
     form = [f"%.{1 if name.startswith('rpm') else digits.get(name, 6)}f" for name in log]
     line = ",".join(form)
     rows = np.column_stack(list(log.values())).tolist()

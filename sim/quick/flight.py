@@ -175,6 +175,7 @@ class _BatchFlight:
         self.sensors = Sensors(plant, world.seed, read_s=1.0 / world.rate_hz)
         self.total = round((world.settle_s + world.seconds) * world.rate_hz)
         self.judged = round(world.settle_s * world.rate_hz)
+        self.steps = max(math.ceil(1.0 / (world.rate_hz * STEP_S) - 1e-9), 1)  # of the plant, a turn
         self.waiting = sorted(world.effects, key=lambda e: e.onset_s)
         n = design.vehicle.rotors
         self.memory = np.zeros(loops.MEMORY)
@@ -225,7 +226,7 @@ class _BatchFlight:
             last = min(turn + CHUNK, self.total, *(self._turn_of(e) for e in self.waiting))
             noise = self.sensors.rows(last - turn)
             kicks = self.gust_noise.standard_normal((last - turn, 3))
-            turns = k.Turns(turn, last, self.judged, w.rate_hz, STEP_S)
+            turns = k.Turns(turn, last, self.judged, w.rate_hz, self.steps)
             rows = k.Rows(self._goals(turn, last), noise, kicks)
             senses = k.Senses(ring, self.sensors.memory, self.sensors.turns)
             turn, ended = k.fly(turns, body, rows, senses, steering, mix, self.kept)

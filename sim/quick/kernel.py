@@ -83,7 +83,7 @@ class Turns(NamedTuple):
     last: int
     judged: int  # from which on sums are taken
     rate_hz: int
-    step_s: float  # of the plant
+    steps: int  # of the plant in each, all of one length: loops know one interval, and drum where it is another
 
 
 class Body(NamedTuple):
@@ -149,10 +149,10 @@ class Kept(NamedTuple):
 @cached(**OPTIONS)
 def fly(turns, body, rows, senses, loops, mix, kept):
     """Fly these turns; returns (turns flown, how it ended: FLEW, TIPPED, GROUND)."""
-    first, rate, h = turns.first, turns.rate_hz, turns.step_s
+    first, rate, steps = turns.first, turns.rate_hz, turns.steps
     state, top, command, demand = body.state, body.top_rad_s, mix.command, loops.demand
     n, dt, ring, late = len(command), 1.0 / rate, senses.ring, len(senses.ring) - 1
-    before = 0.0 if first == 0 else h * ((1000 * first) // rate - (1000 * (first - 1)) // rate)
+    h, before = dt / steps, 0.0 if first == 0 else dt
     for turn in range(first, turns.last):
         row = turn - first
         wind.blow(body.gusts, body.parameters, body.ground_m - state[2], before, rows.kicks[row])
@@ -170,13 +170,12 @@ def fly(turns, body, rows, senses, loops, mix, kept):
         for i in range(n):  # a PWM output has a thousand steps
             command[i] = np.rint(command[i] * PWM_STEPS) / PWM_STEPS
         if kept.log_every and turn % kept.log_every == 0:
-            log_row(h * ((1000 * turn) // rate), reading, command, n, top, kept.log[turn // kept.log_every])
-        steps = (1000 * (turn + 1)) // rate - (1000 * turn) // rate
+            log_row(turn * dt, reading, command, n, top, kept.log[turn // kept.log_every])
         advance(
             state, command, body.parameters, body.geometry, body.pairs, body.loads, body.blades, h, steps,
             body.out,
         )  # fmt: skip
-        before = h * steps
+        before = dt
         if turn >= turns.judged:
             judge(state, body.out, goal, demand, command, n, top, kept.sums)
             if (turn - turns.judged) % kept.thin_every == 0:
