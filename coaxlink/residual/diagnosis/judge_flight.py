@@ -102,8 +102,8 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> li
         parts.append((alone("line", line.nats), {line.channel: [(line.rms, TIME, words)]}))
     for s in left.strains(best_of(found.posterior, {*said.claimed} | said.grouped)):
         words = (
-            f"constant, as if rotor {s.motor.removeprefix('motor')} made {100 * abs(s.share):.2g} % "
-            f"{'more' if s.share > 0.0 else 'less'} {s.load} and the others the rest: "
+            f"as if rotor {s.motor.removeprefix('motor')} made {100 * abs(s.share):.2g} % "
+            f"{'more' if s.share > 0.0 else 'less'} {s.load} throughout, and the others the rest: "
             f"propellers of one mould differ by {100 * s.believed:.2g} %"
         )
         parts.append((alone("strain", s.nats), {s.channel: [(s.rms, s.motor, words)]}))
