@@ -262,11 +262,11 @@ def _answer_of_sums(
         table = Table("sum", "term", "value", "95 % interval", "held-out RMSE", title="both rotors together")
         for name, fit in one.fits.items():
             error = one.errors[name]
-            shown = f"{error.rmse:.3g} {unit_of(name)}, {100 * error.nrmse:.2g} % of the range"
+            held_out = f"{error.rmse:.3g} {unit_of(name)}, {100 * error.nrmse:.2g} % of the range"
             for term, value in fit.polynomial.terms().items():
                 low, high = fit.intervals.bounds.get(term, (float("nan"),) * 2)
-                table.add_row(name, term, f"{value:.4g}", f"{low:.4g} .. {high:.4g}", shown)
-                name = shown = ""
+                table.add_row(name, term, f"{value:.4g}", f"{low:.4g} .. {high:.4g}", held_out)
+                name = held_out = ""
         console().print(table)
         notes = [_full_speed(one.speeds), *one.samples.notes]
         if abs(one.speeds.correlation()) > CORRELATED:
