@@ -12,3 +12,4 @@ ONE_IN_A_THOUSAND = 1e-3  # of chance, a statistical level: a test that is asked
 NORMAL_95 = 1.96  # of a normal distribution: standard deviations of half its 95 %
 NORMAL_999 = 3.29  # of its 99.9 %
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_K = 101325.0, 288.15  # ICAO standard atmosphere at sea level
+HALF_A_PWM_STEP = 5e-4  # of a normalised command: outputs have 1000 steps, so this near a bound is at it

@@ -48,6 +48,10 @@ def fly(
         list[Path] | None,
         typer.Option(metavar="FLY.json", help="`split`: goes on from this flight, with a fresh pack."),
     ] = None,
+    tables: Annotated[
+        bool,
+        typer.Option("--tables", help="`split`, where nothing is mixed live: one hover a table, in turn."),
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="All checks, then leave on the ground.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before arming.")] = False,
     out: Annotated[
@@ -72,6 +76,7 @@ def fly(
     from coaxlink import files
     from coaxlink.cli.shared.split import PLAN as SPLIT
     from coaxlink.cli.shared.split import Split
+    from coaxlink.errors import InputError
     from coaxlink.fly.commands import Crashed
     from coaxlink.fly.flight import Flown, OverLimit, Pilot
     from coaxlink.fly.limits import FlightLimits
@@ -82,7 +87,9 @@ def fly(
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     body = _vehicle_files(airframe, rotor)
     connect = address_of(connect, airframe)
-    split = Split(body, airframe, minutes, split_reach, after or []) if plan == SPLIT else None
+    if tables and plan != SPLIT:
+        raise InputError("--tables", "", f"goes with --plan {SPLIT}")
+    split = Split(body, airframe, minutes, split_reach, after or [], tables) if plan == SPLIT else None
     planned = (
         split.hover(height) if split
         else plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))

@@ -35,15 +35,22 @@ STAND_LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
 def _flight_starts(frame: FlightFrame) -> Sequence[Numbers]:
     if not float(np.std(np.diff(frame.commands, axis=0))) > 1e-5:
         raise NotShown("the commands hardly move")
-    declared = frame.airframe.motor_lag_s
-    return [{"share": 1.0, "lag_s": lag} for lag in FLIGHT_LAGS_S if abs(lag - declared) > 8e-3]
+    declared, least = frame.airframe.motor_lag_s, max(8e-3, 0.5 * frame.step_s)
+    return [{"share": 1.0, "lag_s": lag} for lag in FLIGHT_LAGS_S if abs(lag - declared) > least]
 
 
 def _seen(frame: FlightFrame | StandFrame | None, _: Numbers) -> Range:
-    """A stand's rows tell no lag of less; a flight's loop would not close on more."""
+    """A stand's rows tell no lag of less; a flight's loop would not close on more.
+
+    When a command changed between two rows of a flight is not known to half their distance: where that is
+    more than the declared lag, only a longer one is seen.
+    """
     if frame is None:
         return 0.0, 3.0
-    return (0.0, 0.5) if isinstance(frame, FlightFrame) else (0.005, 3.0)
+    if not isinstance(frame, FlightFrame):
+        return 0.005, 3.0
+    declared, unknown = frame.airframe.motor_lag_s, 0.5 * frame.step_s
+    return (declared + unknown if unknown > declared else 0.0), 0.5
 
 
 def late_speeds(frame: FlightFrame, p: Numbers) -> Array:

@@ -225,8 +225,8 @@ class Commander:
                     raise LinkError(self.session.address, f"silent for {SILENCE_S:.0f} s: {lost}")
                 if message.get_type() == "HEARTBEAT":
                     if not landing and height_m > FLYING_M and _stopped(message):
-                        said = self._of_a_crash()
-                        raise Crashed(f"crashed: its motors stopped {height_m:.1f} m high in {doing}{said}")
+                        words = self._of_a_crash()
+                        raise Crashed(f"crashed: its motors stopped {height_m:.1f} m high in {doing}{words}")
                     custom = int(message.custom_mode)
                     ours = custom == guided if self._ardupilot else custom >> 16 & 0xFF == main
                     if mode_watch.left(ours) and not (landing and not self.session.armed):
@@ -256,17 +256,17 @@ class Commander:
         asked_s = self.session.clock.monotonic()
         with suppress(LinkError):
             self.session.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS, timeout_s=WORDS_S, tries=2)
-        return self._said_since(asked_s)
+        return self._texts_since(asked_s)
 
     def _of_a_crash(self) -> str:
         """What it says of it."""
-        said = self._said_since(self.session.clock.monotonic() - SILENCE_S)
-        return f"; it says: {said}" if said else ""
+        words = self._texts_since(self.session.clock.monotonic() - SILENCE_S)
+        return f"; it says: {words}" if words else ""
 
-    def _said_since(self, asked_s: float) -> str:
+    def _texts_since(self, asked_s: float) -> str:
         self.session.clock.sleep(WORDS_S)  # it may come after the answer, in several pieces
-        said = (text.text for text in self.telemetry.texts if text.received_s >= asked_s)
-        return ", ".join(dict.fromkeys(said))
+        texts = (text.text for text in self.telemetry.texts if text.received_s >= asked_s)
+        return ", ".join(dict.fromkeys(texts))
 
     def _command(self, what: str, command: int, *parameters: float) -> None:
         asked_s = self.session.clock.monotonic()
@@ -274,7 +274,7 @@ class Commander:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
         arming = command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-        said = [self._said_since(asked_s), self.reasons() if arming else ""]
+        said = [self._texts_since(asked_s), self.reasons() if arming else ""]
         words = f"; it says: {', '.join(filter(None, said))}" if any(said) else ""
         known = mavlink.enums["MAV_RESULT"].get(result)
         raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")

@@ -92,14 +92,25 @@ class SplitAnswer:
         """The answer in one line."""
         low, high = (100 * v for v in self.saving_ci)
         if not self.worth_it:
-            return f"nothing to gain beyond {high:.1f} %: a larger saving would not have been missed"
-        least, most = self.share_ci
+            least = max(high, 0.1)  # a digit is all that is printed
+            return f"nothing to gain beyond {least:.1f} %: a larger saving would not have been missed"
         edge = "; the least may lie beyond what was flown (`split_reach`)" if self.at_edge else ""
         return (
-            f"least power with {self.share:.3f} ({least:.3f} to {most:.3f}) of the thrust from above, "
+            f"least power with {self.share:.3f} ({self._interval()}) of the thrust from above, "
             f"on board {self.on_board:.3f}: saves {100 * self.saving:.1f} % ({low:.1f} to {high:.1f}), "
             f"{self.saving * self.watts:.0f} W of {self.watts:.0f}{edge}"
         )
+
+    def _interval(self) -> str:
+        """Of the share; an end that is the lowest or highest share flown is no end."""
+        least, most = self.share_ci
+        low, high = min(self.flown_share), max(self.flown_share)
+        step = (high - low) / GRID
+        if least > low + step and most < high - step:
+            return f"{least:.3f} to {most:.3f}"
+        if least > low + step:
+            return f"{least:.3f} or more"
+        return f"{most:.3f} or less" if most < high - step else "any that was flown"
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""

@@ -11,33 +11,30 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
-
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import SafetyRefusal
 from coaxlink.fly.flight import OverLimit
-from coaxlink.fly.split_plan import POWER_HZ, PowerRecord, SplitPlan
-from coaxlink.live.bridge import BridgeEnd, board_factors
+from coaxlink.fly.split_plan import PowerRecord, SplitPlan, hearing
+from coaxlink.live.bridge import BridgeEnd
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.paths import own_curve
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer import make_law
 from coaxlink.mixer.split import SplitLaw, SplitLevel, equal_share, split_levels, upper_share
+from coaxlink.tables.behaviour import behaviour
+from coaxlink.threads import SWITCH_S
+from coaxlink.uploading.beside import commands_on_board
 from coaxlink.vehicle import Vehicle
 
-BEATS_HZ = 10.0  # of heartbeats, which tell the pilot's mode change
-BATTERY, HEARTBEAT = 147, 0  # message ids
-SWITCH_S = 2e-4  # how long another thread may keep the live loop from the interpreter
 HELD = 0.8  # of the weight, that the autopilot's own mixer must carry at the demand of the law
-EVEN = 1e-3  # throttle factors closer than this are equal
 
 
 def split_on_board(session: Session, vehicle: Vehicle) -> float:
     """Share of the hover thrust that the upper rotors give with what is on board; nothing is commanded.
 
-    Raises SafetyRefusal where this autopilot cannot be mixed live, where its own mixer would drop the
-    vehicle at an end, and for a matrix on board that is uneven, whose split is not known here.
+    Raises SafetyRefusal where this autopilot cannot be mixed live, or where its own mixer would drop the
+    vehicle at an end; InputError for a matrix on board that is not known here.
     """
     airframe, curve = vehicle.airframe, own_curve(session)
     weight = airframe.mass_kg * GRAVITY_M_S2
@@ -49,13 +46,12 @@ def split_on_board(session: Session, vehicle: Vehicle) -> float:
             f"at its end the autopilot's own mixer would first give {carried:.0f} N of {weight:.0f} N: "
             "set THR_MDL_FAC to 1, or nearer to it"
         )
-    if isinstance(bridge, BridgeEnd):
-        if np.ptp([row[3] for row in board_factors(session)]) > EVEN:
-            raise SafetyRefusal("the matrix on board gives its motors uneven thrust: its split is not known")
+    if bridge is None:  # PX4's mixer before CA_ parameters
         return equal_share(vehicle)
-    if bridge is not None:  # PX4's module flies the exact law by itself
-        return upper_share(vehicle, make_law("exact", vehicle).speeds([weight, 0.0, 0.0, 0.0]))
-    return equal_share(vehicle)
+    if isinstance(bridge, BridgeEnd):
+        return upper_share(vehicle, behaviour(vehicle, commands_on_board(vehicle, session)).hover_speeds)
+    # PX4's module flies the exact law by itself
+    return upper_share(vehicle, make_law("exact", vehicle).speeds([weight, 0.0, 0.0, 0.0]))
 
 
 class SplitFlight:
@@ -75,19 +71,13 @@ class SplitFlight:
     @contextmanager
     def mixing(self) -> Iterator[None]:
         """The companion in the loop; left with the split on board."""
-        session, switch = self._session, sys.getswitchinterval()
-        session.request_stream(BATTERY, POWER_HZ)
-        session.request_stream(HEARTBEAT, BEATS_HZ)
-        ends = [session.subscribe(self.record.telemetry.hear), session.subscribe(self.record.hear)]
+        switch = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
         try:
-            with self.mixer:
+            with hearing(self._session, self.record), self.mixer:
                 yield
         finally:
             sys.setswitchinterval(switch)
-            self.record.now_s = math.nan
-            for end in ends:
-                end()
 
     def watch(self, t: float) -> None:
         """Move the split to where it is at `t` s of the plan. Raises OverLimit where the mixer gave up."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,12 +13,14 @@ import numpy as np
 from coaxlink.errors import InputError
 from coaxlink.fly.split_answer import Dwells, SplitAnswer, best_split, dwells_of, joined
 from coaxlink.fly.trajectory import FlightPlan, Hold
+from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
 
 RAMP_S = 1.0  # from a level to the next
 SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop and the power module's filter
-DWELL_S = 12.0
-POWER_HZ = 10.0
+DWELL_S = 18.0  # settling takes two ninths of it; at 12 s a third, and savings scattered by a fifth more
+POWER_HZ, BEATS_HZ = 10.0, 10.0  # of battery readings, and of heartbeats, which tell the pilot's mode change
+BATTERY, HEARTBEAT = 147, 0  # message ids
 COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
 
 
@@ -115,3 +119,17 @@ class PowerRecord:
     def answer(self) -> SplitAnswer:
         """Of what was flown, now and earlier. Raises InputError where that is too little."""
         return best_split(joined([*self.earlier, self.dwells()]), self.plan.on_board)
+
+
+@contextmanager
+def hearing(session: Session, record: PowerRecord) -> Iterator[None]:
+    """A record that hears what the vehicle says of its battery, often enough."""
+    session.request_stream(BATTERY, POWER_HZ)
+    session.request_stream(HEARTBEAT, BEATS_HZ)
+    ends = [session.subscribe(record.telemetry.hear), session.subscribe(record.hear)]
+    try:
+        yield
+    finally:
+        record.now_s = math.nan
+        for end in ends:
+            end()

@@ -7,27 +7,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_flight import CRM, EXAMPLES, X8, Flight
+from live_flight import CRM, EXAMPLES, X8, Flight, LiveLine
 from memory_net import Line, plugged
 from pymavlink.dialects.v20 import common as m
 from verb import run
 
 from coaxlink.errors import InputError
-from coaxlink.fly.split_plan import RAMP_S, PowerRecord, SplitPlan
+from coaxlink.fly.split_flight import split_on_board
+from coaxlink.fly.split_plan import DWELL_S, RAMP_S, PowerRecord, SplitPlan
+from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer.split import SplitLaw, equal_share, split_levels, table_of, upper_share
+from coaxlink.tables.ardupilot import report_ap
 from coaxlink.vehicle import Vehicle
 
 LEVELS = (0.4, 0.45, 0.5, 0.55, 0.6)
-POSITION = 3  # main mode of PX4
+POSITION, GUIDED = 3, 4  # main mode of PX4, mode of ArduCopter
 VEHICLE = Vehicle(X8, CRM)
 HOVER = [X8.mass_kg * 9.80665, 0.0, 0.0, 0.0]
 
 
 def test_a_steady_drift_is_no_part_of_the_order() -> None:
     plan = SplitPlan(LEVELS, 0.5, 40)
-    flown = np.array([plan.level(12.0 * k + 6.0) for k in range(40)])
+    flown = np.array([plan.level(DWELL_S * (k + 0.5)) for k in range(40)])
     assert abs(np.corrcoef(flown, np.arange(40))[0, 1]) < 0.2
     assert np.abs(np.diff(flown)).max() < 0.06
     assert {float(v) for v in flown} == set(LEVELS)
@@ -55,12 +58,12 @@ def test_nothing_is_kept_before_and_after_the_hover_nor_a_current_that_is_not_me
             record.hear(said)
 
     battery(5000)
-    record.now_s = 13.0
+    record.now_s = 19.0
     battery(5000)
     battery(-1)
     record.now_s = float("nan")
     battery(5000)
-    assert record.rows == [(1, 13.0, pytest.approx(24.0 * 50.0), 0.55, 0.25, pytest.approx(0.01))]
+    assert record.rows == [(1, 19.0, pytest.approx(24.0 * 50.0), 0.55, 0.25, pytest.approx(0.01))]
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +122,7 @@ def test_the_pilots_mode_change_brings_the_split_on_board_back(capsys, tmp_path)
 
     look()
     with pilot:
-        code, _, err, found = fly(flight, capsys, tmp_path, "--minutes", "2.9")
+        code, _, err, found = fly(flight, capsys, tmp_path, "--minutes", "4.3")
         flight.clock.sleep(2.0)
     assert code == 1, err
     assert found["result"] == "pilot" and "why" in found["split"]
@@ -130,7 +133,7 @@ def test_the_pilots_mode_change_brings_the_split_on_board_back(capsys, tmp_path)
 @pytest.mark.slow
 def test_a_battery_at_its_floor_lands_on_the_split_on_board(capsys, tmp_path) -> None:
     flight = Flight(airborne=False)
-    code, _, err, found = fly(flight, capsys, tmp_path, "--minutes", "2.9", "--battery", "0.93")
+    code, _, err, found = fly(flight, capsys, tmp_path, "--minutes", "4.3", "--battery", "0.93")
     assert code == 4, err
     assert found["result"] == "limit" and not flight.autopilot.armed
     driven = [row.driven for row in flight.rows]
@@ -146,5 +149,38 @@ def test_refusals_come_before_arming(capsys, tmp_path) -> None:
     assert code == 4 and "THR_MDL_FAC" in err
     flight.autopilot.store.write("THR_MDL_FAC", 9, 1.0)
     code, _, err, _ = fly(flight, capsys, tmp_path, "--minutes", "1")
-    assert code == 2 and "2.8 at least" in err
+    assert code == 2 and "4.2 at least" in err
     assert not flight.autopilot.armed
+
+
+@pytest.mark.slow
+def test_the_split_of_a_table_on_board_is_where_the_next_flight_begins() -> None:
+    report = report_ap(VEHICLE, "fitted", fit=table_of(VEHICLE, 0.62))
+
+    class Tabled(Flight):
+        firmware = "ardupilot"
+
+        def prepare(self) -> None:
+            a = self.autopilot
+            a.scripts_start_s = 0.0
+            a.store.write("SCR_ENABLE", 1.0)
+            for name, value in report.params.items():
+                if name != "SCR_LD_CHECKSUM":
+                    a.store.write(name, value)
+            a.files.folders.add("scripts")
+            texts = {**report.scripts, SCRIPT_NAME: bridge_script(8)}
+            a.files.files.update({f"scripts/{name}": text.encode() for name, text in texts.items()})
+            a.boot()
+
+    flight = Tabled(airborne=False)
+    line = LiveLine(flight.net, flight.addresses[0])
+    with connect(flight.url(), transport=line, clock=flight.clock) as session:
+        found = split_on_board(session, VEHICLE)
+    assert found == pytest.approx(0.62, abs=0.01)
+    flight.autopilot.set_ap_mode(GUIDED)
+    flight.autopilot.arm()
+    flight.autopilot.take_off(4.0)
+    flight.clock.sleep(12.0)
+    level = np.array([rotor.level for rotor in X8.rotors])
+    thrust = flight.autopilot.plant.thrust
+    assert thrust[level == "upper"].sum() / thrust.sum() == pytest.approx(found, abs=0.01)  # as it flies

@@ -61,6 +61,7 @@ def test_a_least_outside_of_what_was_flown_is_said():
     answer = flown(0.40, 5, reach=0.05)
     assert answer.at_edge
     assert "may lie beyond" in answer.words()
+    assert " or more)" in answer.words()  # what ends where the flight ended is no end
 
 
 def test_residuals_that_are_alike_widen_the_intervals():

@@ -47,15 +47,21 @@ class Flight:
     firmware, links = "px4:1.13", 1
 
     def __init__(
-        self, *, airborne: bool = True, airframe: str = "x8_demo.toml", key_file: Path | None = None
+        self,
+        *,
+        airborne: bool = True,
+        airframe: str | Path = "x8_demo.toml",
+        key_file: Path | None = None,
+        **world: Any,
     ) -> None:
+        """`airframe` is a file of `examples`, or any other by its whole path; `world` as `World` has it."""
         self.net = Net()
         self.net.delay_s = 0.0005
         self.clock = self.net.clock
         self.ports = [MemoryPort() for _ in range(self.links)]
         self.addresses = [self.net.address() for _ in self.ports]
-        world = World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file)
-        self.standin = build(world, self.ports, clock=self.clock.monotonic)
+        whole = World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file, **world)
+        self.standin = build(whole, self.ports, clock=self.clock.monotonic)
         self.autopilot: Any = self.standin.autopilot
         self.rows: list[Row] = []
         self.companions: dict[Any, Any] = {}  # by their addresses, each with its `line`

@@ -10,8 +10,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.ardupilot import ap_factors, report_ap
-from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
-from coaxlink.tables.px4 import report_px4
+from coaxlink.tables.px4 import nearest, report_px4, wanted_mix, worst_relative
 from coaxlink.uploading.ardupilot_table import moved_rotors, present_table
 from coaxlink.uploading.beside import beside_ap, beside_px4
 from coaxlink.vehicle import Vehicle

@@ -12,12 +12,14 @@ from coaxlink.errors import InputError
 if TYPE_CHECKING:
     from coaxlink.fly.split_answer import Dwells, SplitAnswer
     from coaxlink.fly.split_flight import SplitFlight
+    from coaxlink.fly.table_flights import TableFlight, TablesAnswer
     from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.mavlink import Session
     from coaxlink.vehicle import Vehicle
 
 PLAN = "split"
-LEVELS = 7
+LEVELS = 7  # splits that are flown, evenly over the reach
+TABLE_DWELLS = 5  # of a hover with one table: 90 s
 
 
 class Split:
@@ -30,8 +32,12 @@ class Split:
         minutes: float,
         reach: float,
         after: list[Path],
+        tables: bool,
     ) -> None:
-        """`after` are the JSON of flights before. Raises InputError: no vehicle, too short, no such JSON."""
+        """`after` are the JSON of flights before; with `tables` a flight is one hover with that on board.
+
+        Raises InputError: no vehicle, too short, no such JSON.
+        """
         from coaxlink.fly.split_plan import DWELL_S
 
         if vehicle is None or airframe is None:
@@ -40,11 +46,13 @@ class Split:
             raise InputError(airframe, "rotors", "no pair of an upper and a lower rotor, so no split")
         self._vehicle, self._airframe, self._reach = vehicle, airframe, reach
         self._dwells = int(60.0 * minutes / DWELL_S)
-        if self._dwells < 2 * LEVELS:
-            least = 2 * LEVELS * DWELL_S / 60.0
-            raise InputError("--minutes", f"{minutes:g}", f"{least:.1f} at least: each split twice")
-        self._flight: SplitFlight | None = None
-        self._earlier = tuple(_dwells_in(path) for path in after)
+        least, why = (
+            (TABLE_DWELLS, "a hover is judged by them") if tables else (2 * LEVELS, "each split twice")
+        )
+        if self._dwells < least:
+            raise InputError("--minutes", f"{minutes:g}", f"{least * DWELL_S / 60.0:.1f} at least: {why}")
+        self._flight: SplitFlight | TableFlight | None = None
+        self._earlier, self._tables = tuple(_dwells_in(path) for path in after), tables
 
     def hover(self, height_m: float) -> FlightPlan:
         """What the vehicle itself is asked to fly."""
@@ -56,11 +64,27 @@ class Split:
         """Look at the board and say what will be done. Raises SafetyRefusal, InputError."""
         from coaxlink.fly.split_flight import SplitFlight
 
+        if self._tables:
+            self._prepare_table(session)
+            return
         flight = SplitFlight(session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells)
         flight.record.earlier = self._earlier
         say(flight.plan.words())
         say("at its end, a limit or your mode change the companion is silent: the split on board flies again")
         self._flight = flight
+
+    def _prepare_table(self, session: Session) -> None:
+        from coaxlink.fly.table_flights import SCATTER, SEEN, TableFlight, flights_for
+
+        self._flight = TableFlight(session, self._vehicle, dwells=self._dwells)
+        say(
+            f"tables: hovers {self._flight.plan.duration_s / 60:.1f} minutes with the table on board, "
+            f"{self._flight.share:.3f} of the thrust from above; flight {len(self._earlier) + 1}"
+        )
+        say(
+            f"{flights_for(SEEN, SCATTER)} flights of each table tell {100 * SEEN:.0f} %, if two hovers with "
+            f"one table are within {100 * SCATTER:.0f} % of one another; in the order A B B A, fresh packs"
+        )
 
     def mixing(self) -> AbstractContextManager[None]:
         """For the plan alone."""
@@ -72,10 +96,13 @@ class Split:
         assert self._flight is not None
         self._flight.watch(t)
 
-    def answer(self) -> SplitAnswer:
+    def answer(self) -> SplitAnswer | TablesAnswer:
         """Of what was flown. Raises InputError where that is too little."""
+        from coaxlink.fly.table_flights import compare_tables
+
         assert self._flight is not None
-        return self._flight.record.answer()
+        record = self._flight.record
+        return compare_tables([*self._earlier, record.dwells()]) if self._tables else record.answer()
 
     def as_json(self) -> dict[str, Any]:
         """The answer, or why there is none."""
@@ -91,13 +118,20 @@ class Split:
     def tell(self, out: Path) -> None:
         """The answer, its picture, and what to do next. Raises CheckFailed where there is none."""
         from coaxlink.errors import CheckFailed
+        from coaxlink.fly.table_flights import TablesAnswer
         from coaxlink.report.pictures.figures import write_figure
         from coaxlink.report.split import split_figure
 
+        if self._tables and not self._two_of_each():
+            self._tell_next_table()
+            return
         try:
             answer = self.answer()
         except InputError as error:
             raise CheckFailed(f"flown, but the split is not answered: {error}") from error
+        if isinstance(answer, TablesAnswer):
+            self._tell_tables(answer)
+            return
         console().print(answer.words(), soft_wrap=True)
         say(
             "it rests on BATTERY_STATUS: a current sensor scaled wrong changes the watts, not the share "
@@ -106,14 +140,51 @@ class Split:
         picture = out / "split.png"
         write_figure(picture, split_figure(answer))
         say(f"wrote {picture}")
-        if answer.worth_it:
-            say(
-                f"next: coaxlink table {self._airframe} --firmware px4|ardupilot --share {answer.share:.3f} "
-                "--out tables"
-            )
-            say("then: coaxlink upload tables --connect URL")
-        else:
+        if not answer.worth_it:
             say("next: nothing to upload, the split on board may stay")
+            return
+        self._say_table(answer.share)
+        if answer.at_edge:
+            say("then this plan once more, with that table on board: it begins at its split")
+
+    def _say_table(self, share: float) -> None:
+        say(
+            f"next: coaxlink table {self._airframe} --firmware px4|ardupilot --share {share:.3f} --out tables"
+        )
+        say("then: coaxlink upload tables --connect URL")
+
+    def _flown(self) -> list[Dwells]:
+        assert self._flight is not None
+        return [*self._earlier, self._flight.record.dwells()]
+
+    def _two_of_each(self) -> bool:
+        from coaxlink.fly.table_flights import counted
+
+        return min(counted(self._flown())) >= 2
+
+    def _tell_next_table(self) -> None:
+        """After one of the first flights."""
+        from coaxlink.fly.table_flights import counted
+
+        first, second = counted(self._flown())
+        console().print(f"{first} flights with the first table, {second} with another; two of each answer")
+        if not second:
+            say(f"next: coaxlink table {self._airframe} --firmware px4|ardupilot --law fitted --out tables")
+            say("then: coaxlink upload tables --connect URL, a fresh pack, and again, this flight in --after")
+        else:
+            say("next: the other table or this one, so that the order is A B B A; all flights in --after")
+
+    def _tell_tables(self, answer: TablesAnswer) -> None:
+        from coaxlink.fly.table_flights import SEEN, flights_for
+
+        console().print(answer.words(), soft_wrap=True)
+        need, flown = flights_for(SEEN, answer.scatter), answer.flights
+        say(
+            f"two hovers with one table are within {100 * answer.scatter:.1f} % of one another: {need} "
+            f"flights of each tell {100 * SEEN:.0f} %, flown {flown[0]} and {flown[1]}"
+        )
+        if answer.worth_it:
+            say(f"next: the table with {answer.better:.3f} of the thrust from above stays on board")
 
 
 def _dwells_in(path: Path) -> Dwells:

@@ -17,6 +17,7 @@ from coaxlink.residual.diagnosis.decide import (
     NOTHING,
     Decision,
     alone,
+    best_of,
     calibration,
     decided_in_flight,
     flown_numbers,
@@ -25,7 +26,14 @@ from coaxlink.residual.diagnosis.flight import flight_channels, would_show
 from coaxlink.residual.diagnosis.flight_forms import TIME, Left
 from coaxlink.residual.diagnosis.flight_search import Flown, searched
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
-from coaxlink.residual.diagnosis.mass_or_thrust import doubt, level_not_mass, scales
+from coaxlink.residual.diagnosis.mass_or_thrust import (
+    MASS,
+    doubt,
+    level_not_mass,
+    lift_beside,
+    own_doubt,
+    scales,
+)
 from coaxlink.residual.diagnosis.report import Fitted, fitted_about
 from coaxlink.residual.diagnosis.rotors import ROTOR, Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
@@ -59,7 +67,10 @@ def judge_flight(inputs: Inputs, bare: FlightFrame, progress: Progress) -> Refin
     members, where, doubts = _placed(found, said, lead)
     progress("judging")
     fitted = fitted_about(ch, members, lead)
-    acting = fitted.acting
+    if _lifts_as_declared(fitted, said):
+        said = replace(said, claimed={n: p for n, p in said.claimed.items() if n != MASS})
+        fitted = fitted_about(ch, [m for m in members if m.name != MASS], lead)
+    members, acting = list(fitted.members), fitted.acting
     lags = [m.shape["lag_s"] for m in members if m.name == "rotor_lag"]
     floor = floor_behind(acting, fitted.corrections, *lags)
     explained = dict(zip(ch.names, fitted.after.errors < MUCH_LEFT * floor, strict=True))
@@ -99,6 +110,13 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> li
     for line in left.lines:
         words = f"it comes and goes with a period of {line.period_s:.2g} s, by nothing recorded"
         parts.append((alone("line", line.nats), {line.channel: [(line.rms, TIME, words)]}))
+    for s in left.strains(best_of(found.posterior, {*said.claimed} | said.grouped)):
+        words = (
+            f"as if rotor {s.motor.removeprefix('motor')} made {100 * abs(s.share):.2g} % "
+            f"{'more' if s.share > 0.0 else 'less'} {s.load} throughout, and the others the rest: "
+            f"propellers of one mould differ by {100 * s.believed:.2g} %"
+        )
+        parts.append((alone("strain", s.nats), {s.channel: [(s.rms, s.motor, words)]}))
     for m in [m for m in lead.members if m.name in said.withheld]:
         u = unnamed(ch, found.posterior, lead, m, said.withheld[m.name])
         nats = flown_numbers(ch, found.posterior, lead, m)["tempered"]
@@ -127,12 +145,25 @@ def _lacking(frame: FlightFrame, explained: Mapping[str, bool]) -> list[str]:
 
 def _level_not_mass(fitted: Fitted, acting: FlightFrame, said: Decision) -> Ambiguous | None:
     """Where a mass is claimed that was there from the start, and the torques tell of a level of thrust."""
-    ch = fitted.channels
-    mass = next((m for m in fitted.members if m.name in said.claimed and m.name == "mass_change"), None)
+    ch, mass_kg = fitted.channels, _mass_from_the_start(fitted, said)
+    if mass_kg is None:
+        return None
+    return level_not_mass(ch.frame, scales(acting, fitted.corrections, ch.block, ch.reduce), mass_kg)
+
+
+def _lifts_as_declared(fitted: Fitted, said: Decision) -> bool:
+    """Where a mass is claimed that was there from the start, and the vehicle lifts what it should, as far as
+    its rotor model says: the mass only makes up for corrections of the thrust that say the contrary.
+    """
+    mass_kg = _mass_from_the_start(fitted, said)
+    return mass_kg is not None and abs(lift_beside(fitted.acting, mass_kg)) < own_doubt(fitted.acting)
+
+
+def _mass_from_the_start(fitted: Fitted, said: Decision) -> float | None:
+    mass = next((m for m in fitted.members if m.name in said.claimed and m.name == MASS), None)
     if mass is None or "onset_s" in mass.shape:
         return None
-    scaled = scales(acting, fitted.corrections, ch.block, ch.reduce)
-    return level_not_mass(ch.frame, scaled, mass.parameters(ch.bare)["mass_kg"])
+    return mass.parameters(fitted.channels.bare)["mass_kg"]
 
 
 def _of_lift(
@@ -141,7 +172,7 @@ def _of_lift(
     """Where the lift is off by what a stand may be: whether it is a mass."""
     ch = fitted.channels
     names = {*said.claimed} | said.grouped | {effect.name for effect, _ in ch.known}
-    if names & {"mass_change", "battery_voltage"} or not explained["force_z"]:
+    if names & {MASS, "battery_voltage"} or not explained["force_z"]:
         return ()
     turning = explained["torque_x"] and explained["torque_y"]
     return doubt(ch.frame, scales(acting, fitted.corrections, ch.block, ch.reduce), turning)

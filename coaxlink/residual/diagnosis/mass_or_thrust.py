@@ -17,14 +17,15 @@ import numpy as np
 from coaxlink.effects.tracing import Array
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.held_out import Index
-from coaxlink.residual.nuisance.flight_corrections import lift_share
+from coaxlink.residual.nuisance.flight_corrections import lift_room, lift_share
 from coaxlink.residual.result import Ambiguous
 from coaxlink.signals import derivative
 
-DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
+DOUBTFUL_LIFT = 0.73  # of what a stand may miss of the lift (2.2 % of 3): less is its own
 LIKE = 0.2  # of the lift's share: torques this near to nothing, or to the lift, side with it
 SURE = 2.0  # standard deviations
-MASS_OR_THRUST, SAG = ("mass_change", "thrust_level"), "battery_voltage"
+MASS, SAG = "mass_change", "battery_voltage"
+MASS_OR_THRUST = (MASS, "thrust_level")
 LEAST_SD = 0.0005  # what blocks of one flight do not show
 
 
@@ -35,11 +36,12 @@ class Scales:
     lift: float
     torque: Array
     sigma: Array
+    room: float  # what the stand may miss of the lift
 
     @property
     def verdict(self) -> str:
         """mass, level, or open."""
-        if abs(self.lift) < DOUBTFUL_LIFT:
+        if abs(self.lift) < DOUBTFUL_LIFT * self.room:
             return "none"
         reach = SURE * self.sigma
         room = LIKE * abs(self.lift)
@@ -72,7 +74,7 @@ def scales(
     for k in range(2):
         columns = np.stack([predicted[:, k], slope[:, k], np.ones(len(left))], axis=1)
         torque[k], sigma[k] = _first(columns, left[:, k], block)
-    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD))
+    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD), lift_room(acting))
 
 
 def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
@@ -115,6 +117,19 @@ def level_not_mass(frame: FlightFrame, s: Scales, mass_kg: float) -> Ambiguous |
         return None
     roll, pitch = 100.0 * s.torque
     return weighing(frame, both.lift, f"and roll torque by {roll:+.1f}, pitch torque by {pitch:+.1f} %")
+
+
+def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
+    """Share that a flight lifts more than model and declared mass say, beside all that acts but this mass."""
+    measured, predicted = (float(np.median(f[acting.keep, 2])) for f in (acting.measured, acting.predicted))
+    return measured / predicted - 1.0 + acting.airframe.mass_kg / mass_kg - 1.0
+
+
+def own_doubt(frame: FlightFrame) -> float:
+    """Share of the lift by which a rotor model may be off in hover: by its held-out error."""
+    errors = frame.model.identified.get("errors", {}).get("coaxial_thrust", {})
+    pairs = max(len(frame.airframe.pairs), 1)
+    return max(DOUBTFUL_LIFT, SURE * float(errors.get("rmse", 0.0)) * pairs / frame.weight)
 
 
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:

@@ -41,7 +41,7 @@ from coaxlink.residual.faults.kinematics import (
     noise_of,
     step_of,
 )
-from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine
+from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine, limits_of
 from coaxlink.residual.faults.states import WHOLE, Finding, Mask, runs_of
 from coaxlink.residual.faults.yardstick import BEGINS, SURE, nats_of
 from coaxlink.residual.result import Suspect
@@ -82,6 +82,10 @@ def column_faults(log: Samples) -> list[Finding]:
         if stuck.any():
             told = "the gyros tell that the vehicle turns" if name in ANGLES else "the vehicle flies"
             found.append((name, stuck, f"one reading repeats exactly while {told}"))
+    for name in [name for name in IMU_COLUMNS if _is_fine(log, name)]:
+        for limit, _ in limits_of(log[name]):
+            why = f"it reads no further than {limit:.3g}, again and again: the sensor is at its limit"
+            found.append((name, log[name] == limit, why))
     gone = np.logical_or.reduce([copied, *(rows for _, rows, _ in found)])
     if len(kin.first) >= LEAST_WINDOWS:
         found += _Judged.of(kin, ~kin.touches(gone)).chained(log.rows)

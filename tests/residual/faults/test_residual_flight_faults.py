@@ -257,6 +257,17 @@ def test_a_stuck_axis_is_named_with_its_rows(clean):
     assert answer.effects == ()
 
 
+def test_an_accelerometer_at_its_limit_is_named_with_its_rows_and_the_rest_is_judged(clean):
+    read = clean["accel_x_m_s2"]
+    limit = np.quantile(read, 0.8)
+    harmed = clean | {"accel_x_m_s2": np.minimum(read, limit)}
+    ((column, rows, why),) = column_faults(Samples(harmed, "fault"))
+    assert column == "accel_x_m_s2" and "at its limit" in why
+    assert np.array_equal(rows, read >= limit)
+    coarse = clean | {"accel_x_m_s2": np.round(np.minimum(read, limit), 1)}
+    assert all("limit" not in why for _, _, why in column_faults(Samples(coarse, "fault")))
+
+
 def test_a_repeated_stretch_is_named(clean):
     log = {k: v.copy() for k, v in clean.items()}
     for name in log:
