@@ -97,14 +97,13 @@ def _held_against_speeds(found: Health, name: str, log: Samples, vehicle: Vehicl
     apart is a command or an rpm that is logged wrong: where the verdict is sound an rpm, which nothing hangs
     on; else what a rotor lacks may be what that command is off by.
     """
-    first = found.suspects[0]
-    since = first.onset_s.value if first.onset_s is not None and first.since == name else -np.inf
-    ratios = speed_ratios(
-        log, vehicle.declared, vehicle.rotors, since if found.verdict != "sound" else -np.inf
-    )
+    first, sound = found.suspects[0], found.verdict == "sound"
+    onset = None if sound or first.since != name else first.onset_s
+    since = -np.inf if onset is None else onset.value
+    ratios = speed_ratios(log, vehicle.declared, vehicle.rotors, since)
     found = replace(found, speed_ratios=ratios)
     off = apart(ratios)
-    if found.verdict == "sound":
+    if sound:
         why = "its command and the flight fit, its speed does not: magnets counted, another ESC"
         rpm = tuple(Suspect(f"rpm{n}", "all", f"{turning_words({n: r})}: {why}") for n, r in off.items())
         return replace(found, suspect_data=rpm)

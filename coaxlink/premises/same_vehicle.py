@@ -1,7 +1,8 @@
 """Is this log of this vehicle, with its outputs in this order? Asked before any verdict.
 
 Lift against weight, commands against rpm and moments against angular accelerations are what the rotor model
-and the geometry say; no fault of one rotor puts them off by as much as asked for here.
+and the geometry say. A rotor that lost a part of its loads turns the vehicle askew, too: what that explains
+as well is no other vehicle's.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.constants import RAD_S_PER_RPM
@@ -133,7 +135,8 @@ def _lift(flown: Flown) -> Iterator[OtherVehicle]:
 
 
 def _turns(flown: Flown) -> list[OtherVehicle]:
-    return _exchanged(flown) or _response(flown)
+    weak = _left_by_one(flown)
+    return _exchanged(flown, weak) or _response(flown, weak)
 
 
 def _sagged(frame: FlightFrame) -> float:
@@ -221,15 +224,39 @@ def _left(flown: Flown, order: Sequence[int]) -> Array:
     return np.asarray(np.maximum(1.0 - explained, 1e-6))
 
 
-def _exchanged(flown: Flown) -> list[OtherVehicle]:
+def _left_by_one(flown: Flown) -> Array:
+    """(3,) share of each moment's variance that is left if one rotor gives less than its command means.
+
+    Each axis has its own inertia and its own share of what the rotor lost, from nothing to all.
+    """
+    body = flown.airframe
+    thrust, torque = body.loads(flown.model, flown.speeds)
+    y = flown.quick(flown.moved[:, 3:])
+    whole = flown.quick(body.body_loads(thrust, torque)[:, 3:])
+    power = np.maximum(np.sum(y * y, axis=0), 1e-300)
+    tried = []
+    for one in np.eye(flown.speeds.shape[1]):
+        own = flown.quick(body.body_loads(thrust * one, torque * one)[:, 3:])
+        left = []
+        for k in range(3):
+            # a (whole - lost own): a share of it with the rotor whole, the rest without
+            fit = nnls(np.stack([whole[:, k], whole[:, k] - own[:, k]], axis=1), y[:, k])[1]
+            left.append(fit**2 / power[k])
+        tried.append(np.maximum(left, 1e-6))
+    return np.asarray(min(tried, key=lambda t: float(np.sum(np.log(t)))))
+
+
+def _exchanged(flown: Flown, weak: Array) -> list[OtherVehicle]:
     """Outputs in another order that explain what moves the body far better, by the likelihood ratio.
 
     Two are exchanged at a time, the best first, as long as it helps. n independent rows of a normal residue
     weigh a share left of `best` against `first` by n/2 ln(first / best), axes added; each pair tried is one
-    more chance. An axis must be explained, too, and half of what it left be gone: models are not exact.
+    more chance. An axis must be explained, too, and half of what it left be gone: models are not exact. So
+    much must it explain beyond one rotor that gives less, which leaves `weak` (3,).
     """
     order = list(range(flown.speeds.shape[1]))
-    first = best = _left(flown, order)
+    labelled = best = _left(flown, order)
+    first = np.minimum(labelled, weak)
     while True:
         tried = []
         for i, j in combinations(range(len(order)), 2):
@@ -251,13 +278,13 @@ def _exchanged(flown: Flown) -> list[OtherVehicle]:
     axis = int(np.argmax(np.where(helps, first - best, -1.0)))
     why = (
         f"outputs exchanged, or rotors stand elsewhere: {AXES[axis + 1]} follows the commands in "
-        f"{100 * (1 - first[axis]):.0f} % of its variance as they are named, in "
+        f"{100 * (1 - labelled[axis]):.0f} % of its variance as they are named, in "
         f"{100 * (1 - best[axis]):.0f} % with {named}"
     )
-    return [OtherVehicle("outputs", 1.0 - float(first[axis]), (1.0 - float(best[axis]), 1.0), why)]
+    return [OtherVehicle("outputs", 1.0 - float(labelled[axis]), (1.0 - float(best[axis]), 1.0), why)]
 
 
-def _response(flown: Flown) -> list[OtherVehicle]:
+def _response(flown: Flown, weak: Array) -> list[OtherVehicle]:
     """Every axis turns as its own moment says: sign and size, where one explains the other."""
     guessed = flown.airframe.source_of("inertia_kg_m2") in UNKNOWN
     most = RESPONSE**2 if guessed else RESPONSE
@@ -271,7 +298,7 @@ def _response(flown: Flown) -> list[OtherVehicle]:
         explained = along**2 / max(power * answer, 1e-300)
         other = int(np.argmax([abs(g) if j != k else 0.0 for j, g in enumerate(gains[:, k])]))
         crosses = abs(float(gains[other, k])) > abs(float(gains[k, k])) / RESPONSE
-        if crosses and jointly[k] > TELLS and 1.0 - jointly[k] < TELLS * (1.0 - explained):
+        if crosses and jointly[k] > TELLS and 1.0 - jointly[k] < TELLS * min(1.0 - explained, weak[k]):
             gain = float(gains[other, k])
             why = (
                 f"{axis} answers {gain:.2f} times the moment of {AXES[other + 1]} and {gains[k, k]:.2f} "

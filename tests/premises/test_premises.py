@@ -22,7 +22,12 @@ from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.faults.inputs import checked
 from coaxlink.rotor import load_rotor_model
-from coaxlink.vehicle import Vehicle
+from coaxlink.tables.px4 import report_px4
+from coaxlink.vehicle import Vehicle, load_vehicle
+from sim.effects import HiddenEffect
+from sim.physics.rotors import read_pair
+from sim.quick.flight import FlightWorld, fly_quick, make_design
+from sim.vehicle import read_vehicle
 
 X8 = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
 ROTORS = load_rotor_model(files.example("rotor_paper.toml"))
@@ -122,6 +127,19 @@ def test_rpm_and_currents_of_exchanged_escs_lie_on_no_common_curve(flights):
 def test_a_fault_of_a_rotor_makes_no_other_vehicle_of_it(flights):
     for log in flights:
         assert other_vehicle(flight_frame([log], X8, ROTORS), [rpm(log)]) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rotor", "seed"), [(7, 0), (7, 2)])
+def test_a_rotor_that_is_weak_from_the_first_row_on_makes_no_other_vehicle_of_it(rotor, seed):
+    """Its commands answer askew: roll to yaw, and as if two outputs were exchanged."""
+    demo, pair = files.example("x8_demo.toml"), files.example("rotor_paper.toml")
+    vehicle = load_vehicle(demo, pair)
+    design = make_design(read_vehicle(demo), read_pair(pair), report_px4(vehicle, "fitted").params)
+    weak = HiddenEffect("degraded_rotor", 0.3, 0.0, {"rotor": float(rotor)})
+    log = Samples(fly_quick(design, FlightWorld((weak,), seed, "wander", 40.0), 8)[1], "weak")
+    found = judged([log], ["weak"], vehicle)
+    assert found.verdict == "ground it" and found.suspects[0].rotor == rotor
 
 
 @pytest.mark.slow

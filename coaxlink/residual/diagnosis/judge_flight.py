@@ -139,7 +139,7 @@ def _lacking(frame: FlightFrame, explained: Mapping[str, bool]) -> list[str]:
     if frame.voltage is None and not explained["force_z"]:
         notes.append("voltage_V is not in the log: a sagging supply would look like this change of thrust")
     if frame.airframe.motor_lag_s == 0.0:
-        notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
+        notes.append("motor_lag_s is not declared: a lag that this log shows is found as rotor_lag")
     return notes
 
 

@@ -35,7 +35,8 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     commands = np.stack([log[name] for name in names], axis=1)
     flying &= np.isfinite(commands).all(axis=1)
     at_limit = np.isin(commands, list(_limits(log, commands, flying)))
-    free = flying & ~at_limit.any(axis=1)  # a mixer at a limit serves other demands
+    limited = np.asarray(at_limit.any(axis=1))  # a mixer at a limit serves other demands
+    free = flying & ~limited
     held = {n: held_in_flight(log[n], flying & ~at_limit[:, k]) for k, n in enumerate(names)}
     steps = {name: log.resolution.get(name, resolution_of(log[name])) for name in names}
     found = dict[str, Mask]()
@@ -48,7 +49,7 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
             else:
                 usable = free & ~held[name] & ~np.any([held[names[j]] for j in beside], axis=0)
                 design = design_of(commands[:, beside], usable)
-                against = away(commands[:, k], design, usable, slice(a, b), steps[name])
+                against = away(commands[:, k], design, usable, a + np.flatnonzero(~limited[a:b]), steps[name])
             if against > SURE:
                 found.setdefault(name, np.zeros(log.rows, bool))[a:b] = True
     for name, rows in found.items():

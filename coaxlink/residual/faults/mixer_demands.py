@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.frames import Array
@@ -32,13 +33,13 @@ def design_of(others: Array, usable: Mask) -> Array:
     return np.concatenate([np.ones((len(z), 1)), z, z[:, first] * z[:, second]], axis=1)
 
 
-def away(values: Array, design: Array, usable: Mask, run: slice, step: float) -> float:
-    """Nats against a run of a column, of this resolution, being what a fit to the other rows makes of it.
+def away(values: Array, design: Array, usable: Mask, run: NDArray[np.intp], step: float) -> float:
+    """Nats against rows of a column, of this resolution, being what a fit to the other rows makes of it.
 
     None where that moves no further than a reading that stands still for its resolution may be off.
     """
     rows = np.flatnonzero(usable & np.isfinite(values))
-    if len(rows) < LEAST_ROWS:
+    if len(rows) < LEAST_ROWS or not len(run):
         return 0.0
     every = max(1, len(rows) // FIT_ROWS)
     rows = rows[::every]

@@ -52,7 +52,7 @@ def _speed_held(log: Samples, name: str, command: Array, usable: Mask) -> Iterat
         known = usable & ~held
         if np.sum(known & np.isfinite(speed)) < LEAST_ROWS:  # it never moves
             rows[a:b] |= np.ptp(command[a:b]) > 0.0
-        elif away(speed / most, design, known, slice(a, b), step / most) > SURE:
+        elif away(speed / most, design, known, np.arange(a, b), step / most) > SURE:
             rows[a:b] = True
     if rows.any():
         why = "one speed repeats exactly while its command moves: the ESC is silent"

@@ -71,6 +71,17 @@ def test_a_limit_that_is_reached_in_the_air_alone_may_hold_a_command() -> None:
     assert [column for column, *_ in found(log)] == ["motor2"]
 
 
+def test_a_command_that_stands_still_beside_one_at_its_limit_is_a_mixer_that_gives_up_an_axis() -> None:
+    """What it makes of its demands there is nothing that the rest of the flight tells."""
+    log = flown(step=0.002)
+    for part in (slice(400, 440), HELD):  # twice at a limit
+        log["motor6"][part] = 0.0
+        for n in (1, 2, 4, 5, 7, 8):
+            log[f"motor{n}"][part] += 0.1
+    log["motor3"] = held(log["motor3"], HELD)
+    assert found(log) == []
+
+
 def test_all_commands_at_once_are_no_readings_where_they_never_stand_still() -> None:
     log = flown()
     for n in ROTORS:
