@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli.shared.shell import console, say
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.fly.split_answer import Dwells, SplitAnswer
@@ -67,7 +67,12 @@ class Split:
         if self._tables:
             self._prepare_table(session)
             return
-        flight = SplitFlight(session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells)
+        try:
+            flight = SplitFlight(
+                session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells
+            )
+        except SafetyRefusal as error:
+            raise SafetyRefusal(f"{error}; or two tables in turn, with --tables") from error
         flight.record.earlier = self._earlier
         say(flight.plan.words())
         say("at its end, a limit or your mode change the companion is silent: the split on board flies again")
@@ -167,7 +172,9 @@ class Split:
         from coaxlink.fly.table_flights import counted
 
         first, second = counted(self._flown())
-        console().print(f"{first} flights with the first table, {second} with another; two of each answer")
+        console().print(
+            f"flights so far: {first} with the first table, {second} with another; two of each answer"
+        )
         if not second:
             say(f"next: coaxlink table {self._airframe} --firmware px4|ardupilot --law fitted --out tables")
             say("then: coaxlink upload tables --connect URL, a fresh pack, and again, this flight in --after")

@@ -121,7 +121,7 @@ def level_not_mass(frame: FlightFrame, s: Scales, mass_kg: float) -> Ambiguous |
 def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
     """Share that a flight lifts more than model and declared mass say, beside all that acts but this mass."""
     measured, predicted = (float(np.median(f[acting.keep, 2])) for f in (acting.measured, acting.predicted))
-    return measured / predicted - 1.0 + acting.airframe.mass_kg / mass_kg - 1.0
+    return measured / predicted * acting.airframe.mass_kg / mass_kg - 1.0
 
 
 def own_doubt(frame: FlightFrame) -> float:
