@@ -126,9 +126,11 @@ def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
 
 def own_doubt(frame: FlightFrame) -> float:
     """Share of the lift by which a rotor model may be off in hover: by its held-out error."""
-    errors = frame.model.identified.get("errors", {}).get("coaxial_thrust", {})
-    pairs = max(len(frame.airframe.pairs), 1)
-    return max(DOUBTFUL_LIFT, SURE * float(errors.get("rmse", 0.0)) * pairs / frame.weight)
+    try:
+        rmse_N = float(frame.model.identified["errors"]["coaxial_thrust"]["rmse"])
+    except (KeyError, TypeError, ValueError):  # of no stand, or written by hand
+        rmse_N = 0.0
+    return max(DOUBTFUL_LIFT, SURE * rmse_N * max(len(frame.airframe.pairs), 1) / frame.weight)
 
 
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:
