@@ -123,6 +123,7 @@ class Split:
     def tell(self, out: Path) -> None:
         """The answer, its picture, and what to do next. Raises CheckFailed where there is none."""
         from coaxlink.errors import CheckFailed
+        from coaxlink.fly.split_flight import SplitFlight
         from coaxlink.fly.table_flights import TablesAnswer
         from coaxlink.report.pictures.figures import write_figure
         from coaxlink.report.split import split_figure
@@ -137,6 +138,7 @@ class Split:
         if isinstance(answer, TablesAnswer):
             self._tell_tables(answer)
             return
+        assert isinstance(self._flight, SplitFlight)
         console().print(answer.words(), soft_wrap=True)
         say(
             "it rests on BATTERY_STATUS: a current sensor scaled wrong changes the watts, not the share "
@@ -149,7 +151,11 @@ class Split:
             say("next: nothing to upload, the split on board may stay")
             return
         self._say_table(answer.share)
-        if answer.at_edge:
+        if self._flight.by_module:
+            say(
+                "the module on board flies a law of its own: coaxlink bridge --connect URL --back comes first"
+            )
+        elif answer.at_edge:
             say("then this plan once more, with that table on board: it begins at its split")
 
     def _say_table(self, share: float) -> None:
