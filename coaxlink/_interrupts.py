@@ -1,9 +1,10 @@
-"""Ctrl-C from the first moment: one line until a verb begins, an exception from then on.
+"""Ctrl-C from the first moment: one line until something begins that must be put back, an exception from then
+on.
 
-Until a verb begins there is nothing to put back, and the process just ends. An exception would not do: where
-the interpreter ignores exceptions (it takes an object away) it prints a traceback and goes on. From then on
-an interrupt is Python's own exception, but not inside an import: half a module would stay behind. So it waits
-until no import is under way.
+Until then (a vehicle is on the line, a file is being written, processes run) the process just ends, in the
+middle of an import or of a long call too. An exception would not do: where the interpreter ignores exceptions
+(it takes an object away) it prints a traceback and goes on. From then on an interrupt is Python's own
+exception, but not inside an import: half a module would stay behind. So it waits until none is under way.
 """
 
 from __future__ import annotations
@@ -23,7 +24,20 @@ _IMPORT = "importlib._bootstrap"
 
 def leave(number: int, frame: FrameType | None) -> None:
     """Nothing has been begun, or all is done: one line and out."""
+    if os.isatty(2):
+        os.write(2, b"\r\x1b[2K\x1b[?25h")  # a status line goes, the cursor comes back
     os.write(2, b"coaxlink: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+def drop() -> None:
+    """Out after an interrupt that was answered: an interpreter that takes its objects down takes a second."""
+    import contextlib
+    import sys
+
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or nobody reads it
+            stream.flush()
     os._exit(INTERRUPTED)
 
 
@@ -56,7 +70,7 @@ def end_at_once() -> None:
 
 
 def begin() -> None:
-    """A verb begins: from here on an interrupt is an exception, for what has to be put back."""
+    """Something begins that has to be put back: from here on an interrupt is an exception."""
     if signal.getsignal(signal.SIGINT) is leave:
         import threading  # noqa: F401 - not first inside the handler
 

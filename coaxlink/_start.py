@@ -21,5 +21,9 @@ def main() -> None:
         command()
     except KeyboardInterrupt:  # between the verbs' own nets
         _interrupts.leave(2, None)
+    except SystemExit as ended:
+        if ended.code == _interrupts.INTERRUPTED:  # all is put back: what is left is memory
+            _interrupts.drop()
+        raise
     finally:
         _interrupts.end()

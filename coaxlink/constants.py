@@ -10,4 +10,6 @@ RAD_S_PER_RPM = math.pi / 30.0
 SIGMA_PER_MAD = 1.4826  # of a normal distribution: 1 / 0.67449, its quartile
 ONE_IN_A_THOUSAND = 1e-3  # of chance, a statistical level: a test that is asked a few times of a log
 NORMAL_95 = 1.96  # of a normal distribution: standard deviations of half its 95 %
+NORMAL_999 = 3.29  # of its 99.9 %
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_K = 101325.0, 288.15  # ICAO standard atmosphere at sea level
+HALF_A_PWM_STEP = 5e-4  # of a normalised command: outputs have 1000 steps, so this near a bound is at it

@@ -14,6 +14,7 @@ from typing import Any
 
 import tomli_w
 
+from coaxlink import _interrupts
 from coaxlink.errors import InputError
 from firmware_params import bounded
 from firmware_params.plain import plain
@@ -100,6 +101,7 @@ def _staged(path: Path, target: Path, data: bytes) -> Path:
     """`data` whole on the disk, under a name of its own beside `target`."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        _interrupts.begin()  # what is staged is taken away again
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     except OSError as error:
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from coaxlink.data import Samples
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.vehicle import Vehicle, vehicle_of
+from firmware_params import FIRMWARES
 
 if TYPE_CHECKING:
     from coaxlink.health.judge import Health
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from coaxlink.uploading.outcome import Outcome
     from firmware_params.errors import Finding
 
-FIRMWARES = ("px4", "ardupilot")
 Log = str | Path | Samples
 
 
@@ -108,7 +108,7 @@ def make_table(
     *,
     around_weak_rotor: bool = False,
 ) -> Table:
-    """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
+    """The table of a law (fitted, balanced, reduced, standard, curved) for a vehicle; nothing is written.
 
     Raises InputError for a vehicle that the firmware cannot hold, SafetyRefusal for a rotor file that says
     that a rotor is weak, without `around_weak_rotor`.

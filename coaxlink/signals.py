@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from coaxlink.constants import SIGMA_PER_MAD
 
 Array = NDArray[np.float64]
-SEGMENT_S = 4.0
-TOP_HZ = 16.0
+SEGMENT_S = 4.0  # of a spectrum
+TOP_HZ = 16.0  # the highest frequency that is looked at
 PENALTY = 4.0  # of the log-likelihood, a kind of noise more
 # standard deviation of the logarithm of what commands do between rows: of a log as it came, and of one that
 # was thinned (it has rows that tell)

@@ -5,3 +5,4 @@ processes want the processors they take thirty times as long. They are read when
 """
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+SWITCH_S = 2e-4  # how long another thread may keep a live loop from the interpreter

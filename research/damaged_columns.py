@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -162,3 +163,48 @@ WAYS: dict[str, Way] = {
     "exchange": exchange, "sign": sign, "scale": scale, "bias": bias, "freeze": freeze, "hold": hold,
     "delay": delay, "quantise": quantise, "drop": drop, "time back": time_back, "dead ESC": dead_esc,
 }  # fmt: skip
+
+PLANS, LAWS = ("hover", "circle", "wander", "steps"), ("standard", "curved", "fitted")
+# what physics may do to a sound log, and by how much at most (`sim.effects.FORMS`)
+TRUE = {"": 0.0, "degraded_rotor": 0.3, "cg_offset": 0.02, "mass_change": 3.0, "wind": 6.0, "rotor_lag": 0.05,
+        "ground_effect": 0.3, "rotor_drag": 0.3, "battery_voltage": 0.5, "vibration": 3.0}  # fmt: skip
+STEPS = {"motor": (0.0, 1e-3, 1e-4), "accel": (0.0, 9.81e-3), "gyro": (0.0, 1e-3), "vel": (0.0, 1e-2),
+         "angle": (0.0, 1e-3, 1.7e-4), "height": (0.0, 1e-2), "voltage": (0.0, 1e-2)}  # fmt: skip
+
+
+def undamaged(count: int, examples: Path) -> int:
+    """Sound logs of drawn flights, effects and resolutions: print each that is doubted; how many are."""
+    from coaxlink.residual.faults.inputs import checked
+    from coaxlink.tables.px4 import report_px4
+    from coaxlink.vehicle import load_vehicle
+    from sim.effects import HiddenEffect
+    from sim.physics.rotors import read_pair
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
+    from sim.vehicle import read_vehicle
+
+    frame, rotors = examples / "x8_demo.toml", examples / "rotor_paper.toml"
+    vehicle = load_vehicle(frame, rotors)
+    designs = {
+        law: make_design(read_vehicle(frame), read_pair(rotors), report_px4(vehicle, law).params)
+        for law in LAWS
+    }
+    doubted = 0
+    for n in range(count):
+        dice = random.Random(n)
+        law, plan, name = dice.choice(LAWS), dice.choice(PLANS), dice.choice(list(TRUE))
+        seconds = dice.uniform(20.0, 90.0)
+        extra = {"rotor": float(dice.randint(1, 8))} if name == "degraded_rotor" else {}
+        onset = dice.choice((0.0, 0.5 * seconds)) if name != "battery_voltage" else 0.0
+        effect = HiddenEffect(name, TRUE[name] * dice.random(), onset, extra)
+        world = FlightWorld((effect,) if name else (), n, plan, seconds)
+        log = Samples(fly_quick(designs[law], world, dice.choice((4, 8, 16)))[1], f"undamaged {n}")
+        for kind, steps in STEPS.items():
+            if step := dice.choice(steps):
+                own = [c for c in columns_of(log) if kind_of(c) == kind]
+                log = log.with_columns(**{c: step * np.round(log[c] / step) for c in own})
+        found = checked([log], vehicle.declared).suspects
+        doubted += bool(found)
+        for suspect in found:
+            print(f"{n}: {law}, {plan}, {name or 'no effect'}, {seconds:.0f} s: {suspect.line()}", flush=True)
+    print(f"{doubted} of {count} sound logs are doubted", flush=True)
+    return doubted

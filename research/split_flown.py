@@ -39,7 +39,7 @@ import numpy as np
 from real_pairs import GRAVITY, coaxlink, made_map, vehicle_file, verdicts
 
 from coaxlink.cli import main as verb
-from coaxlink.cli.shared.coax_firmware import coax_firmware
+from coaxlink.cli.sim import coax_firmware
 from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.live.onboard.description import board_law
 from coaxlink.live.onboard.px4 import module_files

@@ -18,6 +18,12 @@ from coaxlink import _interrupts
 from coaxlink.cli.shared.shell import interrupted, run
 from coaxlink.cli.shared.verbs import Verbs
 
+# verbs that have nothing to put back before they are on a line, write a file or start processes
+READERS = (
+    "airframe", "allocate", "bridge", "compare", "demo", "examples", "health", "identify", "init", "loop",
+    "refine", "report", "reproduce", "table",
+)  # fmt: skip
+
 
 @functools.cache
 def build_app() -> typer.Typer:
@@ -51,7 +57,8 @@ def _options(
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")
-    _interrupts.begin()  # the line is understood as far as the verb
+    if context.invoked_subcommand not in READERS:
+        _interrupts.begin()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

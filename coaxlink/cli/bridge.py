@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.completion import FIRMWARES, one_of
+from coaxlink.cli.shared.completion import one_of
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
 from coaxlink.cli.shared.line import vehicle_at
 from coaxlink.cli.shared.shell import say
 from coaxlink.cli.upload import NewGeometryOption, SystemOption
+from firmware_params import FIRMWARES
 
 
 def bridge(

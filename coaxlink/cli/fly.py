@@ -77,6 +77,7 @@ def fly(
     from coaxlink.cli.shared.split import PLAN as SPLIT
     from coaxlink.cli.shared.split import Split
     from coaxlink.errors import InputError
+    from coaxlink.fly.commands import Crashed
     from coaxlink.fly.flight import Flown, OverLimit, Pilot
     from coaxlink.fly.limits import FlightLimits
     from coaxlink.fly.logs import Logs
@@ -125,7 +126,7 @@ def fly(
             _record(session, log, before is not None)
             try:
                 _in_the_air(pilot, planned, flown, split)
-            except OverLimit:
+            except (OverLimit, Crashed):
                 found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
                 raise
             if flown.swing is not None and flown.swing > SAID:

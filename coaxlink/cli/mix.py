@@ -17,6 +17,7 @@ from coaxlink.cli.shared.shell import JsonOption, figure, say, talk
 from coaxlink.cli.upload import NewGeometryOption, SigningOption, SystemOption, VehicleConnectOption
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
+from coaxlink.threads import SWITCH_S
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
 
 LOST_S = 10.0  # without a word of the vehicle the link counts as lost; PX4's own default (COM_DL_LOSS_T)
-SWITCH_S = 2e-4  # how long the screen may keep the live loop from the interpreter
 POLL_S = 0.2  # how often the verb looks at its loop
 SAYS = {"bridge": "own count", "outputs": "outputs", "timesync": "answers on the same line"}
 

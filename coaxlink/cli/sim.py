@@ -8,16 +8,24 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coaxlink import files
 from coaxlink.absent import refuse_windows
-from coaxlink.cli.shared.completion import FIRMWARES, one_of
+from coaxlink.cli.shared.completion import one_of
 from coaxlink.cli.shared.next import on_simulator
 from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError, LinkError
+from firmware_params import FIRMWARES
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from coaxlink.vehicle import Vehicle
+    from sim.px4.coax_module import CoaxFirmware
 
 
 def sim(
@@ -138,8 +146,24 @@ def sim(
                 port.close()
 
 
+def coax_firmware(vehicle: Vehicle) -> CoaxFirmware:
+    """Python's law for the C++ one: what a board with the module of this vehicle runs. Raises InputError."""
+    from coaxlink.live.onboard.description import board_law
+    from coaxlink.mixer.exact import ExactLaw
+    from sim.px4.coax_module import CoaxFirmware
+
+    about, law, frame = board_law(vehicle), ExactLaw(vehicle), vehicle.airframe
+
+    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        return law.speeds(about.wrench @ (roll, pitch, yaw, thrust))
+
+    def delivered(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return frame.wrench(*frame.loads(vehicle.model, u))[about.units.order] / about.units.scale
+
+    return CoaxFirmware(about.identity, speeds, delivered, about.wrench)
+
+
 def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:
-    from coaxlink.cli.shared.coax_firmware import coax_firmware
     from coaxlink.vehicle import load_vehicle
 
     if not firmware.startswith("px4"):

@@ -12,7 +12,7 @@ import typer
 
 from coaxlink import files
 from coaxlink.cli.shared import table_views
-from coaxlink.cli.shared.completion import FIRMWARES, TABLE_LAWS, one_of
+from coaxlink.cli.shared.completion import one_of
 from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
@@ -27,6 +27,8 @@ from coaxlink.cli.shared.rate_loops import forget_vehicle, vehicle_files
 from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.cli.upload import SystemOption
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.tables import TABLE_LAWS
+from firmware_params import FIRMWARES
 
 if TYPE_CHECKING:
     from coaxlink.mixer.demands import Commands
@@ -43,7 +45,7 @@ def table(
     law: Annotated[
         str | None,
         typer.Option(
-            help="fitted, reduced, standard or curved; else by the margins (docs/mixers.md).",
+            help="fitted, balanced, reduced, standard or curved; else by the margins (docs/mixers.md).",
             autocompletion=one_of(*TABLE_LAWS),
         ),
     ] = None,

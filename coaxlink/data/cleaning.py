@@ -9,8 +9,7 @@ import numpy as np
 from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
 from coaxlink.data.tare import without_tares
-
-APART = 0.03  # of a squared speed that the other does not explain: less, and they are one
+from coaxlink.data.wake import APART
 
 
 def drive_of(samples: Samples, side: str) -> str | None:

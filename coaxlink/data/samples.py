@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas
 
 OUTPUTS_AS_MOTORS, RANGE, DAMAGED, SIGNED_SPEEDS = "outputs_as_motors", "range", "damaged", "signed_speeds"
+FEWEST_ROWS = 6  # of a load: below, nothing is fitted to it
 PREMISES = {  # what a reader took for granted: in words, and what would tell
     OUTPUTS_AS_MOTORS: "no parameter in the log says which output drives which motor: output n is taken for "
     "motor n; give a log that holds the parameters",

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from coaxlink import _interrupts
 from coaxlink.data import sheet_reader
 from coaxlink.data.layout import Row
 from coaxlink.errors import InputError
@@ -32,6 +33,7 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
     # -P: the modules beside the reader are not the standard library's
     command = [sys.executable, "-P", sheet_reader.__file__, str(MOST_BYTES), str(MOST_S), str(path)]
     try:
+        _interrupts.begin()
         done = subprocess.run(
             [*command, *([] if name is None else [name])],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=WAIT_S,

@@ -29,7 +29,7 @@ from coaxlink.errors import InputError
 Array = NDArray[np.float64]
 _LOADS = tuple(QUANTITIES[q].suffix for q in ("thrust", "torque"))
 DENSITY_KG_M3 = STANDARD_DENSITY_KG_M3  # what tables without a density mean
-FEWEST = 4  # rows: a level, a slope over the speed, and something left over
+FEWEST_SPEEDS = 4  # rows: a level, a slope over the speed, and something left over
 ONE_PROPELLER = 0.15  # scatter of thrust over speed squared: Reynolds' number alone gives less over a sheet
 SAME_ROW = 0.30  # of thrust over speed squared, between a row at speed and the middle one: twice that scatter
 # T^1.5 / sqrt(2 rho A) over the shaft's power, in hover: Deters, Ananda and Selig 2014 have 0.3 to 0.75
@@ -211,8 +211,10 @@ def _number(path: Path, line: int, cell: str) -> float:
 
 
 def _checked(table: SingleTable, diameter_m: float) -> SingleTable:
-    if len(table.rpm) < FEWEST:
-        raise InputError(table.source, "", f"{FEWEST} speeds at least are expected, found {len(table.rpm)}")
+    if len(table.rpm) < FEWEST_SPEEDS:
+        raise InputError(
+            table.source, "", f"{FEWEST_SPEEDS} speeds at least are expected, found {len(table.rpm)}"
+        )
     if (table.rpm <= 0).any():
         row = int(np.argmax(table.rpm <= 0))
         raise InputError(

@@ -13,13 +13,12 @@ from coaxlink.data.aliases import LOADS_AND_SPEED, PAIR, QUANTITIES, SIDES, Unit
 from coaxlink.data.cleaning import drive_of, own_sign
 from coaxlink.data.headings import Heading
 from coaxlink.data.propeller import Reading, diameters, possible, readings_of
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import FEWEST_ROWS, Samples
 from coaxlink.data.stand_questions import USUAL_POLES, factors, questions
 from coaxlink.errors import InputError
 
 SHAFT = "shaft_power_W"  # a rotor's column that serves to check units and is no part of a log
-FEWEST = 6  # rows: with fewer nothing is identified anyway
-FOLLOWS = 2.0  # times the squares left over
+WORSE = 2.0  # times the squares left over
 BOTH = 0.2  # of what goes with its own speed: half of the least that a lower rotor in a wake gives
 UNEXPLAINED = 0.5  # of a load's squares by its own rotor's speed
 POLES = (12, 14, 20, 24, 28, 36, 40)  # magnets of motors that carry propellers
@@ -124,7 +123,7 @@ def _follows_other(samples: Samples, load: str, effort: str) -> bool:
         y = samples[load]
         left.append(float(np.sum((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2)))
     total = float(np.sum((samples[load] - samples[load].mean()) ** 2))
-    return left[0] > UNEXPLAINED * total and left[0] > FOLLOWS * left[1]
+    return left[0] > UNEXPLAINED * total and left[0] > WORSE * left[1]
 
 
 def check_units(
@@ -139,7 +138,7 @@ def check_units(
     whose unit somebody stated, which are not suspected.
     """
     found = readings(samples)
-    if samples.rows < FEWEST or not found or possible(found, diameter_m):
+    if samples.rows < FEWEST_ROWS or not found or possible(found, diameter_m):
         return
     suspects = [
         n for s in found for q in LOADS_AND_SPEED if samples.has(n := _name(s, q)) and n not in stated

@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 CHANCE = 1e-6  # an effect that chance shows once in a million logs
 TWICE = 2.0  # as much of its load must go with the other's speed on one rotor as on the other
 APART = 0.03  # of a speed's squares that the other speed does not explain: less, and nothing is decided
-LEAST = 0.02  # of the load: a smaller share is the rig's (a load cell feels its neighbour)
+LEAST_SHARE = 0.02  # of the load: a smaller share is the rig's (a load cell feels its neighbour)
 EQUAL = (0.85, 1.18)  # ratio of the speeds in which both rotors count as running alike
-FEWEST = 5  # rows at equal speeds
+ALIKE_ROWS = 5  # rows at equal speeds
 # quality over the other's: a wake leaves 0.55 to 0.7 (Leishman 2006), two propellers are alike within a
 # third; less than that is no wake, but a unit or a sensor
 SPENT = (0.4, 0.8)
@@ -59,7 +59,7 @@ def lower_rotor(first: RotorLog, second: RotorLog) -> WakeEvidence:
         _share_of_other(second.thrust, second.speed, first.speed),
     )
     for lower, (share, other) in enumerate((shares, shares[::-1])):
-        if share is None or other is None or share >= -LEAST:
+        if share is None or other is None or share >= -LEAST_SHARE:
             continue
         if abs(share) > TWICE * abs(min(other, 0.0)):
             found.append(lower)
@@ -134,7 +134,7 @@ def _quality(first: RotorLog, second: RotorLog) -> tuple[float, float] | None:
         if a is None or b is None:
             continue
         good = rows & (a > 0) & (b > 0)
-        if good.sum() < FEWEST:
+        if good.sum() < ALIKE_ROWS:
             continue
         n = ratio[good]
         thrust = first.thrust[good] / second.thrust[good]

@@ -21,7 +21,7 @@ from coaxlink.frames import FlightFrame
 from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 
-LEAST_SPEED = 0.1
+LEAST_SPEED = 0.1  # of full speed: below, what goes with one over the speed is held
 
 
 def hub_climb(frame: FlightFrame) -> Array:

@@ -19,7 +19,7 @@ from coaxlink.effects.rotor_drag import BY_SPEED, drag_cause, hub_drag
 from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import FlightFrame
 
-LOWEST_M = 0.2
+LOWEST_M = 0.2  # above the ground: nearer, a power law of height means nothing
 MOST_M_S = 12.0  # a start of the fit: Beaufort 6
 DRAG, BODY = BY_SPEED, "body_drag_kg_m"
 

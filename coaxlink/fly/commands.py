@@ -27,6 +27,9 @@ READY_S = 15.0  # how long a vehicle that has just started may take until its ow
 WORDS_S = 0.3  # after a refusal, for its reasons
 SILENCE_S = 15.0  # without a position before the link counts as lost; a busy machine may stall
 REACHED = 0.9  # of the height of a take-off
+FLYING_M = 0.5  # above where it took off: less is no fall, judgement
+OVERTURNED_DEG = 90.0  # of tilt in flight: its thrust points at the ground
+LYING_DEG = 45.0  # of tilt after a landing: no slope that one lands on
 _LEAD = 15  # set-points before PX4 lets its mode change
 _ASKED = 5  # times, as a busy machine or radio may hold up set-points for longer than COM_OF_LOSS_T
 _CHECKS = mavlink.MAV_SYS_STATUS_PREARM_CHECK
@@ -37,6 +40,10 @@ Held = Callable[[Any, str, float, Setpoint | None], None]
 
 class PlanAbandoned(CheckFailed):
     """The vehicle left the mode that it was commanded to: its pilot or its failsafe has it."""
+
+
+class Crashed(CheckFailed):
+    """Its motors stopped in the air, or it lies where no landing leaves a vehicle."""
 
 
 class NotReached(CheckFailed):
@@ -86,6 +93,7 @@ class Commander:
         self.session, self.telemetry = session, Telemetry(session.clock.monotonic)
         session.subscribe(self.telemetry.hear)
         self._ardupilot = session.identity.is_ardupilot
+        self._ground_z: float | None = None  # m down, where it took off
         if self._ardupilot:  # it streams what it is asked for
             session.request_stream(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 50.0)
             session.request_stream(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 5.0)
@@ -134,6 +142,7 @@ class Commander:
         """Climb by `height_m` and wait until there (vehicle's time). Raises NotReached."""
         ground = self._heard("GLOBAL_POSITION_INT", latest=True)
         start = self._heard("LOCAL_POSITION_NED")
+        self._ground_z = start.z
         if self._ardupilot:  # above home, and no NaN is taken
             self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
         else:
@@ -183,9 +192,19 @@ class Commander:
         self._command("landing", mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, math.nan, math.nan, math.nan, 0.0)
         for t, _, _ in self._positions("the landing", AP_LAND, PX4_AUTO, landing=True):
             if not self.session.armed:
+                if (tilt := self.tilt_deg()) > LYING_DEG:
+                    raise Crashed(f"crashed: it lies tilted by {tilt:.0f} degrees{self._of_a_crash()}")
                 return
             if t > timeout_s:
                 raise CheckFailed(f"landing: still armed after {timeout_s:g} s; the pilot must take it")
+
+    def tilt_deg(self) -> float:
+        """Of the vehicle, by its last attitude; 0 without one."""
+        attitude = self.telemetry.latest("attitude")
+        if not attitude:
+            return 0.0
+        roll, pitch, _ = attitude.value
+        return math.degrees(math.acos(max(-1.0, math.cos(roll) * math.cos(pitch))))
 
     # -- inside --------------------------------------------------------------------------------------------
 
@@ -197,7 +216,7 @@ class Commander:
         For as long as the vehicle is in mode `guided` of ArduCopter or main mode `main` of PX4; one that is
         `landing` may leave it once it is disarmed.
         """
-        mode_watch, began, t = ModeWatch(), 0.0, -1.0
+        mode_watch, began, t, height_m = ModeWatch(), 0.0, -1.0, 0.0
         with self.session.listen(("LOCAL_POSITION_NED", "HEARTBEAT")) as inbox:
             while True:
                 message = self.session.take(inbox, SILENCE_S)
@@ -205,6 +224,9 @@ class Commander:
                     lost = "its own failsafe for a lost link has the vehicle now"
                     raise LinkError(self.session.address, f"silent for {SILENCE_S:.0f} s: {lost}")
                 if message.get_type() == "HEARTBEAT":
+                    if not landing and height_m > FLYING_M and _stopped(message):
+                        words = self._of_a_crash()
+                        raise Crashed(f"crashed: its motors stopped {height_m:.1f} m high in {doing}{words}")
                     custom = int(message.custom_mode)
                     ours = custom == guided if self._ardupilot else custom >> 16 & 0xFF == main
                     if mode_watch.left(ours) and not (landing and not self.session.armed):
@@ -216,6 +238,9 @@ class Commander:
                 now = message.time_boot_ms / 1e3
                 began = now if t < 0 else began
                 t = now - began
+                height_m = 0.0 if self._ground_z is None else self._ground_z - message.z
+                if height_m > FLYING_M and (tilt := self.tilt_deg()) > OVERTURNED_DEG:
+                    raise Crashed(f"crashed: tilted by {tilt:.0f} degrees in {doing}{self._of_a_crash()}")
                 yield t, message, not inbox
 
     def _heard(self, name: str, *, latest: bool = False) -> Any:
@@ -231,12 +256,17 @@ class Commander:
         asked_s = self.session.clock.monotonic()
         with suppress(LinkError):
             self.session.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS, timeout_s=WORDS_S, tries=2)
-        return self._said_since(asked_s)
+        return self._texts_since(asked_s)
 
-    def _said_since(self, asked_s: float) -> str:
+    def _of_a_crash(self) -> str:
+        """What it says of it."""
+        words = self._texts_since(self.session.clock.monotonic() - SILENCE_S)
+        return f"; it says: {words}" if words else ""
+
+    def _texts_since(self, asked_s: float) -> str:
         self.session.clock.sleep(WORDS_S)  # it may come after the answer, in several pieces
-        said = (text.text for text in self.telemetry.texts if text.received_s >= asked_s)
-        return ", ".join(dict.fromkeys(said))
+        texts = (text.text for text in self.telemetry.texts if text.received_s >= asked_s)
+        return ", ".join(dict.fromkeys(texts))
 
     def _command(self, what: str, command: int, *parameters: float) -> None:
         asked_s = self.session.clock.monotonic()
@@ -244,7 +274,7 @@ class Commander:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
         arming = command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-        said = [self._said_since(asked_s), self.reasons() if arming else ""]
+        said = [self._texts_since(asked_s), self.reasons() if arming else ""]
         words = f"; it says: {', '.join(filter(None, said))}" if any(said) else ""
         known = mavlink.enums["MAV_RESULT"].get(result)
         raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
@@ -282,3 +312,9 @@ class Commander:
                 0.0,
             )
         )
+
+
+def _stopped(heartbeat: Any) -> bool:
+    """Whether its motors are off, or its failure detector ended the flight."""
+    armed = heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    return not armed or heartbeat.system_status == mavlink.MAV_STATE_FLIGHT_TERMINATION

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import LinkError, SafetyRefusal
-from coaxlink.fly.commands import SILENCE_S, Commander, NotReached, PlanAbandoned, Start
+from coaxlink.errors import CoaxlinkError, LinkError, SafetyRefusal
+from coaxlink.fly.commands import SILENCE_S, Commander, Crashed, NotReached, PlanAbandoned, Start
 from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
 from coaxlink.fly.sizing import MOST, first_swing, overshoot, sized
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
@@ -40,7 +40,7 @@ class Flown:
 
     plan_s: float
     flown_s: float = 0.0
-    result: str = "not armed"  # flown, pilot, limit, link, interrupted
+    result: str = "not armed"  # flown, pilot, limit, link, interrupted, crash
     why: str = ""
     worst_m: float = 0.0  # off the set-point
     battery: tuple[float | None, float | None] = (None, None)  # before, after
@@ -106,7 +106,7 @@ class Pilot:
 
         `during` is entered for the plan alone and left before anything else is commanded.
 
-        Raises PlanAbandoned, OverLimit (after the landing), SafetyRefusal, LinkError.
+        Raises Crashed, PlanAbandoned, OverLimit (after the landing), SafetyRefusal, LinkError.
         """
         session, commander = self.session, self._commander
         here = session.wait("LOCAL_POSITION_NED", SILENCE_S)
@@ -141,17 +141,20 @@ class Pilot:
                 commander.follow(plan, start=self._start, held=held)
             commander.land(LAND_S)
             flown.result = "flown"
+        except Crashed as error:
+            self._crashed(flown, error)
+            raise
         except (PlanAbandoned, LinkError) as error:
             flown.result, flown.why = "link" if isinstance(error, LinkError) else "pilot", str(error)
             raise
         except NotReached as error:
             flown.result, flown.why = "limit", str(error)
-            commander.land(LAND_S)
+            self._land(flown)
             raise OverLimit(f"flight ended and landed: {error}") from error
         except (OverLimit, KeyboardInterrupt) as error:
             flown.result = "limit" if isinstance(error, OverLimit) else "interrupted"
             flown.why = str(error)
-            commander.land(LAND_S)
+            self._land(flown)
             raise
         except Exception:  # also a fault of our own: nobody else would land it
             if session.armed:
@@ -159,6 +162,21 @@ class Pilot:
             raise
         finally:
             flown.battery = (flown.battery[0], self.battery())
+
+    def _land(self, flown: Flown) -> None:
+        """After a limit or an interrupt. Raises Crashed where that is how it ended."""
+        try:
+            self._commander.land(LAND_S)
+        except Crashed as error:
+            flown.result, flown.why = "crash", f"{flown.why}; {error}" if flown.why else str(error)
+            raise Crashed(flown.why) from error
+
+    def _crashed(self, flown: Flown, error: Crashed) -> None:
+        """What still turns is told to land: nobody else would stop it."""
+        flown.result, flown.why = "crash", str(error)
+        if self.session.armed:
+            with suppress(CoaxlinkError):
+                self._commander.land(LAND_S)
 
     def _reported(self) -> float | None:
         """Share of the charge that is left, once it is reported; a busy link takes its time."""
@@ -171,9 +189,5 @@ class Pilot:
         """Relative to the place of take-off."""
         origin = self._start.position_m
         here = (position.x - origin[0], position.y - origin[1], position.z - origin[2])
-        attitude, tilt = self._telemetry.latest("attitude"), 0.0
-        if attitude:
-            roll, pitch, _ = attitude.value
-            tilt = math.degrees(math.acos(max(-1.0, math.cos(roll) * math.cos(pitch))))
         off = math.dist(here, setpoint.position_m) if setpoint is not None else 0.0
-        return PositionState(here[0], here[1], -here[2], off, tilt, self.battery())
+        return PositionState(here[0], here[1], -here[2], off, self._commander.tilt_deg(), self.battery())

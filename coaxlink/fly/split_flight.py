@@ -24,10 +24,10 @@ from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer import make_law
 from coaxlink.mixer.split import SplitLaw, SplitLevel, equal_share, split_levels, upper_share
 from coaxlink.tables.behaviour import behaviour
+from coaxlink.threads import SWITCH_S
 from coaxlink.uploading.beside import commands_on_board
 from coaxlink.vehicle import Vehicle
 
-SWITCH_S = 2e-4  # how long another thread may keep the live loop from the interpreter
 HELD = 0.8  # of the weight, that the autopilot's own mixer must carry at the demand of the law
 
 

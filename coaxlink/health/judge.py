@@ -9,8 +9,8 @@ time counts (`share`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,6 +104,8 @@ class Health:
     premises: tuple[str, ...] = ()  # what the logs' readers took for granted, in words
     slid: float = 0.0  # probability that something aboard moved within a flight
     suspect_data: tuple[Suspect, ...] = ()  # columns, or rows of them, that are no readings
+    # of each rotor in the last flight, where ESCs report: its speed over what its command asks, others at 1
+    speed_ratios: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def withheld(
@@ -146,6 +148,7 @@ class Health:
             "matters": MATTERS,
             "suspect_data": [asdict(s) for s in self.suspect_data],
             "suspects": [asdict(s) for s in self.suspects],
+            "speed_ratios": {str(n): ratio for n, ratio in self.speed_ratios.items()},
             "mended": [asdict(m) for m in self.mended],
             "payload_moved": None if self.reasons else self.payload,
             "detects": None if self.reasons else self.detects,

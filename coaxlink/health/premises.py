@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from coaxlink.constants import NORMAL_95
+from coaxlink.constants import NORMAL_95, NORMAL_999
 from coaxlink.data.samples import PREMISES, Samples
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
 from coaxlink.health.coefficients import Update, by_speed, coefficients_from_flights, has_speeds
 from coaxlink.health.columns import reduced
 from coaxlink.health.judge import Health, judge
-from coaxlink.health.priors import GROUND
+from coaxlink.health.priors import GROUND, WATCH
+from coaxlink.health.turning import apart, speed_ratios, turning_words
 from coaxlink.premises import (
     NotJudged,
     OtherVehicle,
@@ -31,9 +32,9 @@ from coaxlink.premises.same_vehicle import RESPONSE
 from coaxlink.residual.channels.flight import flight_frame, flown, reduce_columns
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.refine import vehicle_differs
+from coaxlink.residual.result import Suspect
 from coaxlink.vehicle import Vehicle
 
-NORMAL_999 = 3.29  # of a normal distribution: standard deviations of half its 99.9 %
 FELT = 0.01  # of the reference load, judgement: less moves no load in hover by its interval
 SEVERAL = 2.0  # times, judgement: what an error adds is then more than all else (squares add up)
 
@@ -52,7 +53,9 @@ def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> H
     with threadpool_limits(limits=1, user_api="blas"):  # many small products
         inputs = checked(logs, vehicle.declared)
         found = _judged(inputs, names, vehicle)
-    return replace(found, premises=(*granted, *unseen(logs)), suspect_data=inputs.suspects)
+    return replace(
+        found, premises=(*granted, *unseen(logs)), suspect_data=(*inputs.suspects, *found.suspect_data)
+    )
 
 
 def _judged(inputs: Inputs, names: Sequence[str], vehicle: Vehicle) -> Health:
@@ -66,7 +69,9 @@ def _judged(inputs: Inputs, names: Sequence[str], vehicle: Vehicle) -> Health:
     differs = [d for frame, log in zip(frames, logs, strict=True) for d in other_vehicle(frame, [log])]
     if differs:
         return Health.withheld((), not_this_vehicle=differs)
-    found = _over(frames, names)
+    found = _held_against_speeds(_over(frames, names), names[-1], logs[-1], vehicle)
+    if found.reasons:
+        return found
     lacks = [reason for frame in frames for reason in lacking(frame)]
     lacks += damage(logs, _words(found))
     lacks += () if lacks else _hangs_on(found, frames, names)
@@ -83,6 +88,34 @@ def _over(frames: Sequence[FlightFrame], names: Sequence[str], *, slides: bool =
     body = frames[0].airframe
     numbers = [r.number for r in body.rotors]
     return judge([reduced(f) for f in frames], names, numbers, body.pairs, slides=slides)
+
+
+def _held_against_speeds(found: Health, name: str, log: Samples, vehicle: Vehicle) -> Health:
+    """A verdict by commands, held against the ESCs' rpm of the last flight, where they are logged.
+
+    A rotor that is named and turns slower than asked has a motor or an ESC that fails. Any other that is
+    apart is a command or an rpm that is logged wrong: where the verdict is sound an rpm, which nothing hangs
+    on; else what a rotor lacks may be what that command is off by.
+    """
+    first = found.suspects[0]
+    since = first.onset_s.value if first.onset_s is not None and first.since == name else -np.inf
+    ratios = speed_ratios(
+        log, vehicle.declared, vehicle.rotors, since if found.verdict != "sound" else -np.inf
+    )
+    found = replace(found, speed_ratios=ratios)
+    off = apart(ratios)
+    if found.verdict == "sound":
+        why = "its command and the flight fit, its speed does not: magnets counted, another ESC"
+        rpm = tuple(Suspect(f"rpm{n}", "all", f"{turning_words({n: r})}: {why}") for n, r in off.items())
+        return replace(found, suspect_data=rpm)
+    named = [s.rotor for s in found.suspects if s is first or s.probability >= WATCH]
+    strange = {n: ratio for n, ratio in off.items() if n not in named or ratio > 1.0}
+    if not strange:
+        return found
+    why = f"{turning_words(strange)}: a command or an rpm is logged wrong, and {_words(found)} may be that"
+    return Health.withheld(
+        found.flights, cannot_judge=[NotJudged("rpm", "by a log whose rpm go with the commands", why)]
+    )
 
 
 def _hangs_on(found: Health, frames: Sequence[FlightFrame], names: Sequence[str]) -> Iterator[NotJudged]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 SPEED_TAU_S = 0.5  # of the speed per command: a battery does not jump, its reading does
 FACTOR = (0.75, 1.15)  # of speed; what asks for more is taken for a broken sensor
-MOST_AHEAD_S = 0.15
+MOST_AHEAD_S = 0.15  # a reading is carried forward by no more than this
 Wrench = NDArray[np.float64]
 
 

@@ -27,7 +27,7 @@ POLL_S = 0.05
 WAITING = 512  # messages: some seconds of them
 RATES = ("HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION")
 HEARD = frozenset({"HEARTBEAT", "EXTENDED_SYS_STATE", "RAW_IMU", "SCALED_IMU", "SYS_STATUS", *RATES})
-RATE_HZ = 50.0
+JUDGED_HZ = 50.0  # of what the rotors are judged by
 ASK_AFTER_S = 2.0  # streams that come by themselves have come by then
 
 
@@ -99,7 +99,7 @@ class HealthWatch:
         wanted = {"EXTENDED_SYS_STATE": 2.0} if session.latest("EXTENDED_SYS_STATE") is None else {}
         if self.in_air.slow or not any(session.latest(name) for name in RATES):
             names = ("HIGHRES_IMU",) if session.identity.is_px4 else ("ATTITUDE", "RAW_IMU")
-            wanted |= dict.fromkeys(names, RATE_HZ)
+            wanted |= dict.fromkeys(names, JUDGED_HZ)
         for name, rate_hz in wanted.items():
             try:
                 session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), rate_hz)

@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
 from coaxlink.live.arrival import Count
+from coaxlink.live.onboard.ardupilot import COUNTED
 from coaxlink.live.onboard.description import HASH_BITS, board_vehicle
 from coaxlink.live.wire import Demand, Header
 from coaxlink.mavlink import codec
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
 
 PAYLOAD_TYPE, PROTOCOL, NAME = 40001, 1, b"coax"
-COUNTED = 65536
 REFUSALS = ("foreign", "rival", "invalid", "stale", "implausible")
 FACTS = (*REFUSALS, "handed_back", "unsettled", "failed_motors")  # 0 ..; then the 16 of the wrench
 WRENCH_FROM, TURN = len(FACTS), len(FACTS) + 16

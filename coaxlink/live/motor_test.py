@@ -24,15 +24,15 @@ from firmware_params.ardupilot.owners_script import own_matrix
 from firmware_params.ardupilot.scripts import PREFIX
 from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX
 from firmware_params.errors import TableError
+from firmware_params.px4.parameters import MOTOR_1
 
 if TYPE_CHECKING:
     from coaxlink.mavlink.session import Session
 
-THROTTLE = 0.10
-SECONDS = 1.5
+THROTTLE = 0.10  # of full command, props off
+SECONDS = 1.5  # of one motor
 SPINS = {1: "ccw", -1: "cw"}
 _OUTPUT = re.compile(r"SERVO\d+_FUNCTION|\w+_FUNC\d+")  # of any driver
-_PX4_MOTOR_1 = 101
 _DSHOT = range(4, 8)  # of MOT_PWM_TYPE: DShot150 to DShot1200, whose ESCs SERVO_BLH_RVMASK turns round
 
 
@@ -124,7 +124,7 @@ def mending(answers: Sequence[MotorAnswer], params: Mapping[str, Number], *, px4
 
     An output whose ESC turned rotor m gets the function of motor m. `params` are the board's.
     """
-    function = (lambda motor: _PX4_MOTOR_1 + motor - 1) if px4 else servo_function
+    function = (lambda motor: MOTOR_1 + motor - 1) if px4 else servo_function
     outputs = {n: v for n, v in params.items() if _OUTPUT.fullmatch(n)}
     changes: dict[str, tuple[Number, Number]] = {}
     words: list[str] = []

@@ -6,12 +6,11 @@ from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.identity import version_request
 from coaxlink.mavlink.session import Session
-from coaxlink.mavlink.strangers import LOST_S
+from coaxlink.mavlink.strangers import LOST_S, TWO_BEATS_S
 
 TRY_S, TRIES = 0.35, 40  # a bad line may need them all
 SECOND_S = 0.15  # a second board behind a router answers the same question, a little later
-TICK_S = 0.02
-TWO_BEATS_S = 2.2  # vehicles beat once a second: in this time one is heard even if a beat is lost
+_AGAIN_S = 0.02
 
 
 def confirm(session: Session, *, alone: bool = True) -> None:
@@ -52,4 +51,4 @@ def _listen(session: Session) -> None:
     if parse_address(session.address).kind == "udpin":
         clock.sleep(max(0.0, bound.bound_s + TWO_BEATS_S - clock.monotonic()))
     while bound.strangers.undecided(clock.monotonic()) and clock.monotonic() < end:
-        clock.sleep(TICK_S)
+        clock.sleep(_AGAIN_S)

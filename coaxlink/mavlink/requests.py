@@ -18,7 +18,7 @@ from coaxlink.mavlink.values import Message
 
 Match = Callable[[Message], bool]
 _OF_SOME = frozenset((290, 291, 11030, 11031, 11032))  # ESC_INFO, ESC_STATUS, ESC_TELEMETRY_*
-_TICK_S = 0.05  # so soon a line that broke is noticed
+TICK_S = 0.05  # so soon a line that broke is noticed
 
 
 class Inbox:
@@ -126,7 +126,7 @@ class Requests:
             left = end - self.clock.monotonic()
             if left <= 0:
                 return None
-            self.clock.wait(inbox.filled, min(left, _TICK_S))
+            self.clock.wait(inbox.filled, min(left, TICK_S))
 
     def _tell(self, name: str, message: Message, of_autopilot: bool) -> None:
         """On the receiver thread: a message of the vehicle came."""

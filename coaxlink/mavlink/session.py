@@ -28,7 +28,7 @@ from coaxlink.mavlink.codec import of_others
 from coaxlink.mavlink.identity import Identity, is_vehicle, own_heartbeat, version_request, with_version
 from coaxlink.mavlink.line import Tap, read_waiting
 from coaxlink.mavlink.peer import Bound, Claimant
-from coaxlink.mavlink.requests import Requests
+from coaxlink.mavlink.requests import TICK_S, Requests
 from coaxlink.mavlink.transport import Driven, Transport
 from coaxlink.mavlink.values import Message
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from coaxlink.mavlink.signing import Signer
 
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-_TICK_S = 0.05
 
 
 class Loss:
@@ -109,7 +108,7 @@ class Session(Requests):
                 self._thread.start()
             end = self.clock.monotonic() + timeout_s
             while self.bound.identity is None:
-                self.take(inbox, _TICK_S)
+                self.take(inbox, TICK_S)
                 # who was heard is given the time to answer
                 lost = self.clock.monotonic() > end and not self.bound.claimants
                 if lost and self.bound.identity is None:
@@ -230,7 +229,7 @@ class Session(Requests):
     # -- inside --------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while self.turn(_TICK_S):
+        while self.turn(TICK_S):
             pass
 
     def turn(self, wait_s: float) -> bool:

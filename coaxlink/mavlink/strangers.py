@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.mavlink.identity import uid_of
 
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
-HERE_S = 2.2  # two of a vehicle's heartbeats: one who is silent for longer has left, or restarted again
+TWO_BEATS_S = 2.2  # vehicles beat once a second: in this time one is heard even if a beat is lost
 MOST = 16  # addresses that are kept track of
 ASK_S, ASK_MOST_S = 0.4, 2.0  # between questions to an address: doubled each time, up to the second
 DOUBT_S = 2.0  # one who was asked and has not answered for so long hears nothing: three questions
@@ -101,7 +101,7 @@ class Strangers:
         found = [
             s
             for s in self._by_address.values()
-            if s.answered_s > since and not s.beside and now - s.heard_s < HERE_S
+            if s.answered_s > since and not s.beside and now - s.heard_s < TWO_BEATS_S
         ]
         return found[0] if now > since and len(found) == 1 and found[0].uid == uid else None
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, HALF_A_PWM_STEP
 from coaxlink.mixer.demands import Commands, envelope
 from coaxlink.vehicle import Vehicle, battery_watts, shaft_watts
 
@@ -32,7 +32,7 @@ LOADS, TOPMOST = (
     12,
     0.98,
 )  # masses at which sink is given; the heaviest, as a share of what the ceiling carries
-BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
+THRUSTS = tuple(np.linspace(0.0, 1.0, 51)[1:].tolist())  # demands among which one holds the most
 # shaft over electrical watts of motor and ESC where a stand measured no volts and amps: a premise that enters
 # minutes and never their ratio
 DRIVE_EFFICIENCY = 0.80
@@ -83,6 +83,7 @@ class Worth:
     shape_error: Array  # (4,) mean |error| over the envelope, best constant gain an axis taken off
     sink_kg: Array  # (LOADS,) light to what the ceiling carries; empty without a hover
     sink_m_s2: Array  # (LOADS,) downward under roll and yaw of `hard_Nm` at once, the worst of four ways
+    held_kg: float  # the most that any thrust demand holds meanwhile: beyond, no height loop helps
 
     @property
     def thrust_to_weight(self) -> float:
@@ -120,6 +121,7 @@ class Worth:
             "coupling": [_nulls(row) for row in self.coupling],
             "shape_error": _nulls(self.shape_error),
             "sink": {"load_kg": self.sink_kg.tolist(), "m_s2": _nulls(self.sink_m_s2)},
+            "held_kg": _null(self.held_kg),
         }
 
 
@@ -146,10 +148,11 @@ def weigh(
         return Worth(
             name, airframe.mass_kg, math.nan, math.nan, math.nan, nan, math.nan, hold, nan, nan, top,
             (none[0], none[1], none[2]), hard, np.full((3, 4), math.nan), nan,
-            np.empty(0), np.empty(0),
+            np.empty(0), np.empty(0), math.nan,
         )  # fmt: skip
     gain = fly.slopes(hover)
     limits = tuple(reach(fly, hover, k) for k in (1, 2, 3))
+    turn = hard[[0, 2]] / gain[[1, 3]]
     loads = np.linspace(hold[0], max(TOPMOST * top / GRAVITY_M_S2, hold[0]), LOADS)
     return Worth(
         name,
@@ -167,7 +170,8 @@ def weigh(
         _coupling(fly, hover, gain, hard),
         _shape_error(fly, hover, gain, envelope(airframe)),
         loads,
-        _sink(fly, loads, hard[[0, 2]] / gain[[1, 3]]),
+        _sink(fly, loads, turn),
+        max(_least_lift(fly, demand, turn) for demand in THRUSTS) / GRAVITY_M_S2,
     )
 
 
@@ -222,7 +226,7 @@ class TableOnRotors:
 
     def bound(self, commands: Array) -> NDArray[np.bool_]:
         """Whether rotors (N,) can go no further."""
-        return (commands <= self.least + BOUND) | (commands >= 1.0 - BOUND)
+        return (commands <= self.least + HALF_A_PWM_STEP) | (commands >= 1.0 - HALF_A_PWM_STEP)
 
     def lift(self, thrust: float) -> float:
         return float(self.wrench(np.array([thrust, 0.0, 0.0, 0.0]))[0])
@@ -306,11 +310,14 @@ def _sink(fly: TableOnRotors, loads_kg: Array, turn: Array) -> Array:
         if demand is None:
             found.append(math.nan)
             continue
-        ways = itertools.product((1.0, -1.0), repeat=2)
-        turns = [np.array([demand, roll * turn[0], 0.0, yaw * turn[1]]) for roll, yaw in ways]
-        least = min(float(fly.wrench(at)[0]) for at in turns)
-        found.append(GRAVITY_M_S2 - least / kg)
+        found.append(GRAVITY_M_S2 - _least_lift(fly, demand, turn) / kg)
     return np.array(found)
+
+
+def _least_lift(fly: TableOnRotors, thrust: float, turn: Array) -> float:
+    """N at a thrust demand under the demands `turn` of roll and yaw at once, the worst of four ways."""
+    ways = itertools.product((1.0, -1.0), repeat=2)
+    return min(float(fly.wrench(np.array([thrust, r * turn[0], 0.0, y * turn[1]]))[0]) for r, y in ways)
 
 
 def _shape_error(fly: TableOnRotors, hover: float, gain: Array, wrenches: Array) -> Array:

@@ -18,8 +18,8 @@ from coaxlink.studies.demo import DemoResult
 from coaxlink.studies.flight_errors import FlightErrors
 
 CAPTION = (
-    "Above: the model's error in the last flight, before and after coaxlink found what was hidden. Below: "
-    "what each mixer took from the battery on the same path"
+    "Above: the model's error in the last flight, as given, with small corrections, and with what coaxlink "
+    "found. Below: what each mixer took from the battery on the same path"
 )
 FLIGHT_HEADINGS = (
     "flight", "power, W", "height, m", "thrust gain", "thrust, N", "after gain, N", "roll, N m", "pitch, N m",
@@ -28,7 +28,10 @@ FLIGHT_HEADINGS = (
 
 
 def to_json(result: DemoResult) -> dict[str, Any]:
-    """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
+    """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels.
+
+    `before` has the small corrections that any specimen may need; without them: `rmse_as_given` of `refine`.
+    """
     found = result.refinement.effects
     channels = result.refinement.channels
     touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)

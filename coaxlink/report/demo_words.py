@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from coaxlink.report.pictures.label import channel_words
-from coaxlink.report.refine import fall, number, verdict
+from coaxlink.report.refine import fall, verdict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -108,12 +108,7 @@ def story(result: DemoResult) -> list[str]:
     if found.effects:
         touched = {c for e in found.effects for c in e.channels} & found.channels.keys()
         falls = sorted(touched, key=lambda c: found.channels[c].rmse_after / found.channels[c].rmse_before)
-        sentences = [
-            f"{channel_words(c)} from {number(e.rmse_before)} to {number(e.rmse_after)} {e.unit} "
-            f"(noise alone: {number(e.noise_floor)})"
-            for c in falls[:2]
-            for e in (found.channels[c],)
-        ]
+        sentences = [f"{channel_words(c)} from {fall(found.channels[c])}" for c in falls[:2]]
         lines.append(f"Added to the model, the held-out error falls: {'; '.join(sentences)}.")
     return lines
 

@@ -6,8 +6,11 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from coaxlink.health.judge import Health, SuspectRotor
 from coaxlink.health.priors import GROUND, MATTERS, WATCH
+from coaxlink.health.turning import APART, apart, turning_words
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.figures import SIZE, drawn, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import label
@@ -66,6 +69,7 @@ def remarks(health: Health) -> Iterator[str]:
                 f"+/- {50 * (suspect.loss.high - suspect.loss.low):.0f} {_since(suspect)}, "
                 f"most likely {suspect.kind}"
             )
+            yield from _by_speed(health, suspect)
     for m in health.mended:
         yield (
             f"rotor {m.rotor}: {100 * m.loss.value:.0f} % +/- {50 * (m.loss.high - m.loss.low):.0f} of its "
@@ -81,6 +85,17 @@ def remarks(health: Health) -> Iterator[str]:
         "shares are of the model's load at the commanded speeds, at a flight's end, as probable as the "
         "verdict has each rotor's fault, after what the others have in common"
     )
+
+
+def _by_speed(health: Health, suspect: SuspectRotor) -> Iterator[str]:
+    """Whether a suspect turned as its command asks, which tells a motor from a blade."""
+    ratio = health.speed_ratios.get(suspect.rotor)
+    if ratio is None:
+        return
+    if apart({suspect.rotor: ratio}):
+        yield f"{turning_words({suspect.rotor: ratio})}: its motor or its ESC, before its blades"
+    elif np.sqrt(max(1.0 - suspect.loss.value, 0.0)) < 1.0 - APART:
+        yield f"{turning_words({suspect.rotor: ratio})}: its blades, not its motor"
 
 
 def _since(suspect: SuspectRotor) -> str:

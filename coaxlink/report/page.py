@@ -13,7 +13,8 @@ from coaxlink.residual.result import Refinement
 
 LEAST_P = 1e-6  # nobody needs to know how much less
 ERROR_HEADS = (
-    "channel", "unit", "as given", "before", "before, 95 %", "after", "after, 95 %", "noise floor", "rows"
+    "channel", "unit", "as given", "corrected", "corrected, 95 %", "with effects", "with effects, 95 %",
+    "noise floor", "rows",
 )  # fmt: skip
 EFFECT_HEADS = ("effect", "parameter", "value", "95 %", "unit", "physics and source")
 TRACE_HEADS = ("step", "action", "effect", "gain, noise variances", "by chance", "size", "kept", "why")
@@ -84,11 +85,11 @@ def _pictures(result: Refinement, made: Made) -> Sequence[PagePicture]:
     from coaxlink.report.pictures.figures import drawn
     from coaxlink.report.pictures.residual_plots import errors_figure, overview_figure
 
-    errors = "Error of every channel before and after, in units of its noise floor"
+    errors = "Error of every channel in units of its noise floor"
     return (
         PagePicture(
             drawn(overview_figure(result, made.line())),
-            "Residual before and after, over time and over its cause",
+            "Residual as given, with small corrections, and with what was found, over time and its cause",
         ),
         PagePicture(drawn(errors_figure(result, made.line())), errors),
     )

@@ -162,6 +162,7 @@ def rows(
     made += [
         ("ceiling, N", [f"{t.ceiling_N:.0f}" for t in tables]),
         ("ceiling, times the weight", [f"{t.thrust_to_weight:.2f}" for t in tables]),
+        ("held in hard roll and yaw at once, kg", [_number(t.held_kg, ".1f") for t in tables]),
         ("yaw authority in hover, N m", [_number(t.limits[2].moment_Nm, ".1f") for t in tables]),
         ("roll authority in hover, N m", [_number(t.limits[0].moment_Nm, ".1f") for t in tables]),
         ("vertical gain in hover (loops expect 1)", [_number(t.lift_exponent, ".2f") for t in tables]),
@@ -187,7 +188,8 @@ def terms() -> str:
     """What the rows' words mean, one paragraph."""
     return (
         "Authority: torque when the first rotor is at a bound. Vertical gain: thrust over demand, as the "
-        "height loop meets it. Lift lost: what an autopilot must make up while that one torque is demanded, "
+        "height loop meets it. Held: the most that any thrust demand carries under both torques below at "
+        "once. Lift lost: what an autopilot must make up while that one torque is demanded, "
         f"{HARD:g} times what an ordinary flight meets. Error after integrators: mean |error| from 0.77 to "
         "1.33 of the weight, the best constant gain an axis taken off."
     )

@@ -41,8 +41,8 @@ from coaxlink.residual.faults.flight_faults import motors_too_many
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.nuisance.flight_corrections import (
     ACCEL_BIAS_M_S2,
-    LEVEL,
     flight_corrections,
+    lift_room,
     lift_share,
 )
 from coaxlink.residual.result import Refinement
@@ -131,11 +131,9 @@ def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
     def ends(name: str) -> bool:
         return abs(found.corrections.get(name, 0.0)) > AT_BOUND * bounds.get(name, np.inf)
 
-    lift = lift_share(frame, found.corrections)
-    if abs(lift) > AT_BOUND * LEVEL:
-        why = (
-            f"the lift is {100 * abs(lift):.1f} % off, a measured rotor model is good to {100 * LEVEL:.0f} %"
-        )
+    lift, room = lift_share(frame, found.corrections), lift_room(frame)
+    if abs(lift) > AT_BOUND * room:
+        why = f"the lift is {100 * abs(lift):.1f} % off, this rotor model is good to {100 * room:.0f} %"
         guessed = set(UNKNOWN) & set(frame.model.sources.values())
         weighed = guessed or frame.airframe.source_of("mass_kg") == "measured"
         yield not_judged("rotor_model" if weighed else "mass_kg", why)
@@ -191,7 +189,7 @@ def _hangs_on(found: Refinement, inputs: Inputs, bare: FlightFrame) -> list[NotJ
 def _held(moved: Moved, found: Refinement, bare: FlightFrame) -> bool:
     """Whether the corrections of the lift, the accelerometer's zero among them, have room for that mass."""
     change = moved.airframe.mass_kg / bare.airframe.mass_kg - 1.0
-    room = LEVEL + ACCEL_BIAS_M_S2[2] / GRAVITY_M_S2
+    room = lift_room(bare) + ACCEL_BIAS_M_S2[2] / GRAVITY_M_S2
     return abs(change + lift_share(bare, found.corrections)) <= room
 
 

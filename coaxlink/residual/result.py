@@ -153,7 +153,8 @@ class Series:
 
     time_s: NDArray[np.float64]  # (rows,)
     channels: tuple[str, ...]
-    before: NDArray[np.float64]  # (rows, channels) held-out residual of the nuisance model model
+    given: NDArray[np.float64]  # (rows, channels) residual of the model as it came
+    before: NDArray[np.float64]  # (rows, channels) held-out residual of the nuisance model
     after: NDArray[np.float64]  # (rows, channels) held-out residual with the effects
     # (effect, channel) -> label and (rows,) of the variable it depends on there
     causes: Mapping[tuple[str, str], tuple[str, NDArray[np.float64]]]

@@ -33,7 +33,7 @@ HUBER, ROUNDS = (
 )  # deviations beyond which a row counts less (Huber 1964); reweightings
 PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
-WATTS_ROWS = 12
+WATTS_ROWS = 12  # rows; five terms are fitted to them, and a part of the rows left out in turn
 CERTAIN = 5.0  # standard errors of a slope that is no chance
 
 

@@ -17,7 +17,7 @@ from coaxlink.data.aliases import SIDES
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.notebook import Shown
-from coaxlink.rotor.drive_fit import drive_of
+from coaxlink.rotor.drive_fit import TURNS, drive_of
 from coaxlink.rotor.fit import (
     FORMS,
     ROWS_A_TERM,
@@ -52,8 +52,7 @@ from coaxlink.rotor.uncertainty import (
 CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 OUTLYING = 6.0  # standard deviations beyond which a row is reported
 HELD_ORDERS = (3, 4)  # of terms that help a load to keep to physics
-FULL = 0.98  # of full speed: measured there
-TURNS = 0.05  # of full speed: slower is at rest
+MEASURED_FULL = 0.98  # of full speed: measured there
 EXACT = 1e-9  # of the largest load: what rounding of a fit leaves is no error
 LASSO = "LASSO on standardised terms, refitted on the support, blocks held out"
 Channels = Mapping[str, HeldOutError]  # of the coaxial sums and of each load
@@ -403,7 +402,7 @@ def _notes(data: StandData, reason: str | None, bent: Sequence[str]) -> Iterator
     if bent:
         yield f"kept to physics between and beyond the rows: {', '.join(bent)}"
     top = max(speeds.upper.max(), speeds.lower.max())
-    if top < FULL:
+    if top < MEASURED_FULL:
         yield f"measured up to u = {top:.2f}: from there to 1 the model is extrapolated"
     missing = [load for load in LOADS if load not in data.measured]
     if missing:

@@ -21,15 +21,15 @@ from coaxlink.rotor.stand_data import COAXIAL, StandData, unit_of
 
 CELLS = 5  # a side: levels of each speed that a map wants (the paper has 11)
 SAME = 0.01  # of the speed range: two rows at one condition
-FULL = 0.9  # of the top speed: a map that reaches so far needs no extrapolation
+REACHES_FULL = 0.9  # of the top speed: a map that reaches so far needs no extrapolation
 OVER = 1.02  # of the speed that u = 1 means: rpm sensors agree within 2 per cent
 SHORT = 0.6  # of it: a table is used up to 1, and squares extrapolated from here are off by their square
 DRAWS, IDLE = 0.2, 0.02  # of the greatest power, of the greatest thrust
-FAST = 0.5  # of a rotor's own fastest: below, a wake may well push it down
+DRIVEN_ALONE = 0.5  # of a rotor's own fastest: below, a wake may well push it down
 # of the range that was measured: between the forms that the paper flies (CRM, R-CRM: 0.007 to 0.039) and the
 # one that it finds unfit (SRM: 0.052 and 0.078; Berra, Trujillo and Heredia 2024, Table 2, NRMSE)
 POOR = 0.05
-SHOWN = 4
+SHOWN = 4  # rows named
 CROSSTALK = 0.05  # of the typical watts: what a split saves is of this size
 MOST_EFFICIENT, LEAST_EFFICIENT = 1.0, 0.5  # shaft over battery watts of a drive: physics; a motor near stall
 
@@ -125,7 +125,7 @@ def for_the_table(result: Identification, load: str) -> str:
     error = f"{_known_to(result, load):.2g} {unit_of(load)}"
     sure = f"their sum is known to {error} where it was measured"
     top = min(_range(s)[1] for s in (u, v) if np.any(s > 0))
-    if top < FULL:
+    if top < REACHES_FULL:
         return f"for a table: {sure}; fly it only below {top:.2f} of the top speed"
     return f"for a table it does not matter: {sure}"
 
@@ -285,7 +285,7 @@ def _wrong_way(data: StandData) -> Iterator[str]:
         for load in (name for name in data.measured if name.startswith(side)):
             values = data.loads[load]
             least = -IDLE * np.nanmax(np.abs(values))
-            rows = np.flatnonzero((u > FAST * u.max()) & (u >= other) & (values < least))
+            rows = np.flatnonzero((u > DRIVEN_ALONE * u.max()) & (u >= other) & (values < least))
             if len(rows):
                 quantity = Load.of(load).quantity
                 where = _row_names(data, rows)

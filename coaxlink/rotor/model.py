@@ -95,6 +95,19 @@ class RotorModel(Shown):
         ]
         return "\n".join(lines)
 
+    @property
+    def missed(self) -> dict[Load, float]:
+        """What the model left of its stand log's loads beyond their noise, on held-out blocks, N and N m.
+
+        Without the loads of which the file says nothing, or no more than noise.
+        """
+        floors, out = self.identified.get("noise_floor", {}), {}
+        for load in Load:
+            error = self.identified.get("errors", {}).get(load.channel, {}).get("rmse", 0.0)
+            if (left := error**2 - floors.get(load.channel, 0.0) ** 2) > 0.0:
+                out[load] = float(np.sqrt(left))
+        return out
+
     def predict(self, u: ArrayLike) -> NDArray[np.float64]:
         """(rows, 4) thrust (N) and torque (N m) of the upper, then of the lower rotor, effects left out.
 

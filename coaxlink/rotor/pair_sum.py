@@ -17,15 +17,16 @@ import numpy as np
 from coaxlink.data import Samples
 from coaxlink.data.aliases import PAIR, QUANTITIES, SIDES
 from coaxlink.data.averaging import conditions
+from coaxlink.data.samples import FEWEST_ROWS
+from coaxlink.data.tare import STANDS
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.rotor.fit import Array, LoadFit, Options
 from coaxlink.rotor.selection import fit_load
-from coaxlink.rotor.stand_data import FEWEST_ROWS, LoadRows, Speeds, blocks, folds, normalised_speeds
+from coaxlink.rotor.stand_data import LoadRows, Speeds, blocks, folds, normalised_speeds
 from coaxlink.rotor.uncertainty import HeldOutError, held_out_error
 
 FOLDS = 5  # in which rows of the upper rotor alone are held out in turn
-STANDS = 0.01  # of full speed: slower is at rest
 COLUMNS = {q: f"{PAIR}_{QUANTITIES[q].suffix}" for q in ("thrust", "torque")}
 OPEN = (
     "which rotor lifts how much is not in a sum: neither the split nor each rotor's torque, and so no table",

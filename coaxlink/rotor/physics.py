@@ -30,7 +30,7 @@ Matrix = Callable[[list[str]], Array]  # of terms: (points, terms)
 SLOWEST, FASTEST, POINTS = 0.12, 1.05, 16  # normalised speeds of the grid; slower, everything is near nothing
 MARGIN = 0.02  # of a load's usual slope: flat is no better than falling, for an allocator
 WAKE_DRIVES = 0.02  # of the largest lower torque: less, and the wake turns the rotor
-FAST = 0.3  # of the fastest upper speed: below, a wake turns nothing
+WAKE_TURNS = 0.3  # of the fastest upper speed: below, a wake turns nothing
 ROWS_A_HELD_TERM = 2  # fewer than of a free fit: the conditions tell what rows do not
 ROUNDED, RIDGE = 1e-9, 1e-12  # of a slope; of the programme's own size, for terms the rows cannot tell apart
 
@@ -45,7 +45,7 @@ def windmilling_ratio(data: StandData, among: NDArray[np.bool_] | None = None) -
     u, v = data.speeds.upper[among], data.speeds.lower[among]
     if not np.isfinite(torque).any() or not np.any(u > 0):
         return 0.0
-    turned = (u > FAST * u.max()) & (v > 0) & (torque < WAKE_DRIVES * np.nanmax(torque))
+    turned = (u > WAKE_TURNS * u.max()) & (v > 0) & (torque < WAKE_DRIVES * np.nanmax(torque))
     return float(np.max(v[turned] / u[turned], initial=0.0))
 
 

@@ -8,10 +8,9 @@ from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data import Samples
 from coaxlink.data.aliases import SIDES
 from coaxlink.errors import InputError
+from coaxlink.rotor.drive_fit import TURNS
 from coaxlink.rotor.fit import Array
 from coaxlink.rotor.prior import PRIORS
-
-TURNS = 0.05  # of the fastest: slower, power over speed tells no torque
 
 
 def with_torque_of_power(samples: Samples) -> Samples:

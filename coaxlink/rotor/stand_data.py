@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coaxlink.data import Samples
 from coaxlink.data.averaging import conditions
+from coaxlink.data.samples import FEWEST_ROWS
 from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
 from coaxlink.load import LOADS, Load, of_rotor
@@ -26,10 +27,9 @@ COAXIAL = {
 }
 PROPORTIONAL = 0.01  # rpm that follow the throttle this closely tell the speed at full throttle
 STEP = 0.05  # of the speed range: a smaller change is not a new level
-MOST_FOLDS = 12
+MOST_FOLDS = 12  # of the cross-validation: more blocks are dealt out to these
 LEAST_SWEEP = 3  # rows
 FASTEST = "fastest rpm in the log"
-FEWEST_ROWS = 6  # of a load: below, nothing is fitted to it
 SLOWEST_RPM, FASTEST_RPM = 1.0, 1e6  # no rotor at full speed is beyond
 
 

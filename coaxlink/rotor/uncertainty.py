@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 NORMALISER = "max - min of the held-out measurements"  # the paper's Table 2 uses two and names neither
-CORRELATED = 0.9  # estimates that move together this closely are one direction of the data
+TOGETHER = 0.9  # estimates that move together this closely are one direction of the data
 ROUNDING = 1e-6  # relative, of a fit on a Gram matrix: the root of a double's, times its condition
 # a difference in one block alone is one standard error exactly: rounding must not decide about it
 ONE_STANDARD_ERROR = 1.0 + 1e-9
@@ -168,7 +168,7 @@ def _indistinct(
 ) -> tuple[tuple[str, ...], ...]:
     """Groups of terms that are undetermined one by one and whose estimates move together."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    alike = np.abs(covariance / np.outer(deviation, deviation)) > CORRELATED
+    alike = np.abs(covariance / np.outer(deviation, deviation)) > TOGETHER
     undetermined = (np.abs(b) < half) | open_terms
     alike |= np.outer(open_terms, open_terms)
     groups: list[set[int]] = []

@@ -19,7 +19,7 @@ from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS, SURFACES
 from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Factors
 from firmware_params.errors import TableError
 
-_OUTPUTS = 32
+_OUTPUTS = 32  # SERVO1 to SERVO32
 _CIRCLE = 0.15  # of a radius: places that differ by less are of arms of one length
 _STRETCH = (0.25, 4.0)  # of one axis' scale squared against the other's, that arms of one length may mean
 Params = Mapping[str, float | int]

@@ -11,10 +11,10 @@ from coaxlink.setup.layout import Layout, Mount, refuse_far
 from firmware_params import px4
 from firmware_params.ardupilot.frames import DODECAHEXA, FRAMES, OCTAQUAD, Y6, Frame
 from firmware_params.errors import TableError
+from firmware_params.px4.parameters import MOTOR_1
 from firmware_params.px4.realise import FLT_EPSILON
 
 _PX4_OUTPUT = re.compile(r"(\w+)_FUNC(\d+)")  # PWM_MAIN, PWM_AUX, UAVCAN_EC, any driver
-_PX4_MOTOR_1 = 101  # of the *_FUNC parameters
 _FLAT_M = 1e-3  # heights that differ by less are no heights
 # ArduCopter's frames are PX4's as well: its airframes 12001 (octo coax) and 11001 (hexa coax, which is Y6B)
 # number and turn their motors alike
@@ -98,7 +98,7 @@ def _px4_outputs(params: Params) -> dict[int, list[str]]:
     found: dict[int, list[str]] = {}
     for name, value in params.items():
         match = _PX4_OUTPUT.fullmatch(name)
-        if match and _PX4_MOTOR_1 <= value < math.inf:
+        if match and MOTOR_1 <= value < math.inf:
             connector = f"{match[1].removeprefix('PWM_').replace('_', ' ')} {match[2]}"
-            found.setdefault(int(value) - _PX4_MOTOR_1 + 1, []).append(connector)
+            found.setdefault(int(value) - MOTOR_1 + 1, []).append(connector)
     return found

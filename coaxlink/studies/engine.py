@@ -12,6 +12,8 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, ProcessPoolExecutor, wait
 from dataclasses import dataclass
@@ -19,12 +21,14 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
+from coaxlink import _interrupts
 from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.threads import ONE_THREAD
 
 AHEAD = 3  # tasks a worker, under way or waiting: none waits for the next
 DEATHS = 4  # of workers in a row, without one task done between, before it is given up
 CONNECT_S = 20.0
+ENDS_S = 0.3  # for a worker to put its own things away
 
 Row = dict[str, Any]
 Work = Callable[[Any, Sequence[int]], list[Row]]
@@ -99,12 +103,16 @@ def run(
 
 @contextlib.contextmanager
 def _pool(machine: Machine) -> Iterator[_Pool]:
+    _interrupts.begin()
     if machine.scheduler is None:
         for name in ONE_THREAD:  # a process each: further threads would only wait for each other
             os.environ[name] = "1"
         executor = ProcessPoolExecutor(machine.here, multiprocessing.get_context("spawn"), _ignore_interrupt)
         try:
             yield _Pool(executor.submit, partial(wait, return_when="FIRST_COMPLETED"), machine.here)
+        except (KeyboardInterrupt, GeneratorExit):  # here, or in what takes the rows
+            _end_workers()
+            raise
         finally:
             executor.shutdown(wait=True, cancel_futures=True)
         return
@@ -129,5 +137,17 @@ def _pool(machine: Machine) -> Iterator[_Pool]:
 
 
 def _ignore_interrupt() -> None:
-    """A worker's start: Ctrl-C is for the process that hands out the work."""
+    """A worker's start: Ctrl-C is for the process that hands out the work, which ends its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # a scratch folder is taken away
+
+
+def _end_workers() -> None:
+    """What they are at is done again by the next run; a flight takes seconds, and nobody waits for it."""
+    end = time.monotonic() + ENDS_S
+    workers = multiprocessing.active_children()
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        worker.join(max(end - time.monotonic(), 0.0))
+        worker.kill()

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from coaxlink import _interrupts
 from coaxlink.errors import InputError
 
 
@@ -39,6 +40,7 @@ def complete_or_unchanged(out: Path, names: Sequence[str]) -> Iterator[None]:
     """
     was_there = out.is_dir()
     try:
+        _interrupts.begin()
         out.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(dir=out, prefix=".before-"))
         for name in names:

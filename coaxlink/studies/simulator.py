@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import IO
 
+from coaxlink import _interrupts
 from coaxlink.absent import refuse_windows
 from coaxlink.errors import LinkError
 
@@ -29,6 +30,7 @@ def simulator(arguments: Sequence[str]) -> Iterator[str]:
     refuse_windows("coaxlink sim")
     port = free_port()
     command = [sys.executable, "-m", "coaxlink", "sim", *arguments, "--listen", f"udpin:127.0.0.1:{port}"]
+    _interrupts.begin()  # a process to end
     with tempfile.TemporaryFile("w+") as talk:
         # a group of its own: Ctrl-C is ours to deal with, and the world must not be gone before we have
         process = subprocess.Popen(

@@ -17,6 +17,7 @@ from coaxlink.errors import InputError
 from coaxlink.mixer.demands import Commands
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.tables.behaviour import Behaviour, behaviour
+from coaxlink.tables.default_law import BALANCED, balanced_fit
 from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import ardupilot as ap
@@ -89,7 +90,13 @@ def report_ap(
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("`frame_class`", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
-    if law == "fitted":
+    if law == BALANCED and fit is None:
+
+        def speeds_of(law: str, fit: FittedTable | None) -> Commands:
+            return ap_commands(report_ap(vehicle, law, spin_min=spin_min, spin_max=spin_max, fit=fit).mix)
+
+        fit = balanced_fit(vehicle, speeds_of, spin_min=spin_min, spin_max=spin_max)
+    if law in ("fitted", BALANCED):
         fit = fit or fit_table(vehicle, spin_min=spin_min, spin_max=spin_max)
         columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)
     else:

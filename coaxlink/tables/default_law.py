@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.errors import InputError
 from coaxlink.mixer.demands import Commands
 from coaxlink.mixer.fitted import FittedTable, TableFit
 from coaxlink.mixer.worth import weigh
@@ -25,14 +26,16 @@ _REACH = 0.99  # of the standard table's ceiling, where that itself is below the
 SpeedsOf = Callable[[str, FittedTable | None], Commands]  # a law and, if it is made already, its table
 
 
+BALANCED = "balanced"  # the fitted table, as far towards the standard one as keeps its margins
+
+
 @dataclass(frozen=True)
 class ChosenLaw:
     """A law, its table where it was worked out on the way, and why."""
 
-    law: str
+    law: str  # fitted, balanced or standard
     fit: FittedTable | None
     why: str
-    between: bool = False  # the standard and the fitted one
 
     def to_json(self) -> dict[str, Any]:
         """The key `chosen` of the JSON of `table`."""
@@ -64,5 +67,14 @@ def choose_law(
     if between is None:
         why = f"the standard table, not the fitted one: {has}; no table near the fitted one keeps both"
         return ChosenLaw("standard", None, why)
-    why = f"a table between the fitted and the standard one, not the fitted one: {has}"
-    return ChosenLaw("fitted", between, why, between=True)
+    return ChosenLaw(BALANCED, between, f"the balanced table, not the fitted one: {has}")
+
+
+def balanced_fit(
+    vehicle: Vehicle, speeds_of: SpeedsOf, *, spin_min: float = 0.0, spin_max: float = 1.0
+) -> FittedTable:
+    """The balanced table: the fitted one where that keeps the margins. Raises InputError where none does."""
+    chosen = choose_law(vehicle, speeds_of, spin_min=spin_min, spin_max=spin_max)
+    if chosen.fit is None:
+        raise InputError("`law`", BALANCED, chosen.why)
+    return chosen.fit

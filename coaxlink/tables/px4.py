@@ -19,16 +19,16 @@ from coaxlink.mixer import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.demands import ENVELOPE, Commands
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.mixer.worth import solve
+from coaxlink.tables import TABLE_LAWS
 from coaxlink.tables.behaviour import TURNS, Behaviour, behaviour
-from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
+from coaxlink.tables.default_law import BALANCED, balanced_fit
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
 
-TABLE_LAWS = ("fitted", "reduced", "standard", "curved")
 ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
 _AXES = (*TURNS, "thrust")
-_LEAN_SHARE = 0.02
+_LEAN_SHARE = 0.02  # of the largest entry of an axis: less of an error is not named
 _LEVEL = np.linspace(*ENVELOPE, 12)  # of the weight: the envelope's thrusts
 
 
@@ -74,6 +74,9 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
         raise InputError("`law`", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
     if law == "fitted":
         return px4_columns(airframe, fit_table(vehicle))
+    if law == BALANCED:
+        fit = balanced_fit(vehicle, lambda law, fit: px4_commands(report_px4(vehicle, law, fit=fit).mix))
+        return px4_columns(airframe, fit)
     if law == "curved":
         plain = px4_table(vehicle, "standard")
         return dataclasses.replace(plain, thr_mdl_fac=own_curve(vehicle, plain))
@@ -245,3 +248,24 @@ def _reversed_findings(flown: Behaviour, law: str) -> list[Finding]:
 
 def _thrust(setpoint: float) -> list[float]:
     return [0.0, 0.0, 0.0, 0.0, 0.0, -setpoint]
+
+
+def wanted_mix(table: px4.Px4Table) -> NDArray[np.float64]:
+    """(N, 4) A+ of a table: u^2 per N m of roll, pitch and yaw and per N of thrust."""
+    columns = px4.effectiveness(table)
+    matrix = np.stack([columns[0], columns[1], columns[2], -columns[5]])
+    return np.asarray(np.linalg.pinv(matrix), np.float64)
+
+
+def nearest(mixed: NDArray[np.float64], demanded: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each column of `mixed` times the one number that brings it nearest to `demanded`."""
+    power = (mixed**2).sum(axis=0)
+    scale = np.divide((mixed * demanded).sum(axis=0), power, out=np.zeros(mixed.shape[1]), where=power > 0)
+    return mixed * scale
+
+
+def worst_relative(demanded: NDArray[np.float64], done: NDArray[np.float64]) -> tuple[float, ...]:
+    """Largest difference of `done` from `demanded` on each axis, relative to the axis's largest entry."""
+    scale = np.abs(demanded).max(axis=0)
+    error = np.abs(done - demanded).max(axis=0)
+    return tuple(float(e / s) if s else float(e) for e, s in zip(error, scale, strict=True))

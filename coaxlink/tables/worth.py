@@ -16,7 +16,7 @@ from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.errors import TableError
 
-DEFAULTS, CURVED, BALANCED, LIVE = "PX4 defaults", "curved", "balanced", "exact, live"
+DEFAULTS, CURVED, LIVE = "PX4 defaults", "curved", "exact, live"
 ON_BOARD = "on board"
 DEFAULT_KM = 0.05  # CA_ROTORn_KM as PX4 has it
 
@@ -65,9 +65,9 @@ def px4_worths(
             left_out[law] = str(error)
     try:
         best = choose_law(vehicle, lambda law, fit: px4_commands(report_px4(vehicle, law, fit=fit).mix))
-        chosen = BALANCED if best.between else best.law
+        chosen = best.law
         if best.fit is not None:
-            tables[BALANCED if best.between else "fitted"] = px4_columns(airframe, best.fit)
+            tables[chosen] = px4_columns(airframe, best.fit)
         if "fitted" not in tables:
             tables["fitted"] = px4_table(vehicle, "fitted")
     except InputError as error:

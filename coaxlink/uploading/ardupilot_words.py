@@ -15,12 +15,13 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CheckFailed
 from coaxlink.mavlink.session import Session
 from coaxlink.mavlink.telemetry import Telemetry
+from coaxlink.uploading.board import LOSSY
 from firmware_params.ardupilot import scripts
 
 RUN_PREARM_CHECKS = 401  # MAV_CMD: it says each reason not to arm as a text, and answers ACCEPTED
 _ROUND_S = 0.7  # for the texts of one run to arrive
 _AGAIN_S = 1.0
-_ROUNDS, _ROUNDS_LOSSY, _LOSSY = 2, 4, 0.005  # runs without a complaint; a lossy line may swallow a text
+_ROUNDS, _ROUNDS_LOSSY = 2, 4  # runs without a complaint; a lossy line may swallow a text
 _OF_MATRIX = re.compile(r"\b(?:MotorsMatrix|Motors_dynamic|Motors_6DoF)\b")
 _NOT_CODE = re.compile(
     r"""--\[(=*)\[.*?\]\1\]|--[^\n]*|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|\[(=*)\[.*?\]\2\]""", re.DOTALL
@@ -98,7 +99,7 @@ class Words:
                 continue
             about = [r for r in reasons if any(word in r for word in _OF_TABLE)]
             clean = 0 if about else clean + 1
-            wanted = _ROUNDS_LOSSY if self._session.loss > _LOSSY else _ROUNDS
+            wanted = _ROUNDS_LOSSY if self._session.loss > LOSSY else _ROUNDS
             if clean >= wanted or (clean and reported is not None):
                 return self.failure()
             if about and clock.monotonic() > end:

@@ -25,6 +25,7 @@ from coaxlink.uploading.plan import Plan
 from coaxlink.uploading.restore_choice import Choice
 from firmware_params.ardupilot.scripts import file_crc
 
+LOSSY = 0.005  # of the messages: a line that loses more is given longer
 ROUNDS = 3  # write, read back, and mend what another writer or a late packet changed
 Guard = Callable[[], None]  # raises when the write must stop
 

@@ -18,7 +18,7 @@ from coaxlink.uploading.restore_choice import Choice
 from firmware_params.px4 import PARAMETERS
 
 _AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)
-_SAVED_S = 5.0
+_SAVED_S = 5.0  # a save that runs already, 0.3 to 2.3 s, has ended by then
 _KNOWN = (1, 17)  # newest version whose allocation was read and flown
 _OUTPUT, _MOTOR_1 = re.compile(r"_FUNC\d+$"), 101
 

@@ -36,7 +36,7 @@ _MULTIROTORS = {
     mavlink.MAV_TYPE_GENERIC: set(range(3, 17)),
 }
 _OLDEST = (1, 13, 0)
-_SAME_PLACE_M = 0.02
+_SAME_PLACE_M = 0.02  # a sign that changes within this is no other place
 _SAME_GEOMETRY = 0.02  # of the longest arm: what a tape measure is off by on half a metre
 
 

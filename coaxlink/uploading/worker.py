@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.mavlink.confirm import TWO_BEATS_S, confirm
+from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.session import Session
+from coaxlink.mavlink.strangers import TWO_BEATS_S
 from coaxlink.uploading.backup import Backup, Note
-from coaxlink.uploading.board import Board
+from coaxlink.uploading.board import LOSSY, Board
 from coaxlink.uploading.board_ardupilot import ArduPilotBoard
 from coaxlink.uploading.board_px4 import Px4Board
 from coaxlink.uploading.content import Content
@@ -43,7 +44,6 @@ from firmware_params.ardupilot.scripts import file_crc
 
 _ABSENT = b""  # bits of a parameter that the board does not have yet
 _CALM_S, _SETTLE_S = 0.05, 1.0  # before reading back; after a failure other words may still be under way
-_LOSSY = 0.005
 
 
 class Uploader:
@@ -348,7 +348,7 @@ class Uploader:
         while True:
             try:
                 confirm(self._session, alone=False)
-                settle_s = _SETTLE_S if self._session.loss > _LOSSY else 2 * _CALM_S
+                settle_s = _SETTLE_S if self._session.loss > LOSSY else 2 * _CALM_S
                 self._board.put(old, Content(), self._refuse_armed, settle_s=settle_s)
                 clock.sleep(TWO_BEATS_S)  # whoever wrote in between may go on with it
                 if wrong := self._board.wrong(old):

@@ -2,8 +2,15 @@
 
 from coaxlink.effects.static import Conditions
 from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_rotor, vehicle_of
-from coaxlink.vehicle.power import battery_watts, shaft_watts
-from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
+from coaxlink.vehicle.vehicle import (
+    Vehicle,
+    battery_watts,
+    plain_rotors,
+    refuse_live,
+    require_vehicle,
+    shaft_watts,
+    usual_lift,
+)
 
 __all__ = [
     "Conditions",

@@ -18,7 +18,7 @@ from coaxlink.rotor.polynomial import design_matrix, term_name
 
 Array = NDArray[np.float64]
 LOWEST, POINTS, ORDER = 0.1, 31, 4  # normalised speeds of the fit; total order of the change
-SMALL = 1e-9
+SMALL = 1e-9  # N, N m: an effect that changes nothing
 
 
 def changed_model(model: RotorModel, changes: Sequence[Change]) -> RotorModel:

@@ -10,7 +10,7 @@ silence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,16 +19,46 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.airframe import Airframe, load_airframe
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
 from coaxlink.effects import effect
 from coaxlink.effects.static import Conditions, LeftOut, StaticVehicle
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.rotor.model import EffectEntry
 from coaxlink.vehicle.changed_model import changed_model
-from coaxlink.vehicle.turning import Turning
 
+Array = NDArray[np.float64]
 NOT_STATED = Conditions()
+TOP, POINTS = 1.6, 4097  # normalised speeds: of the tabulated inverse of what effects leave of them
+
+
+@dataclass(frozen=True)
+class Turning:
+    """True speeds are `bends` of `share` of the nominal ones, which the commands alone would give."""
+
+    share: float = 1.0
+    bends: Sequence[Callable[[Array], Array]] = field(default=())
+
+    def true(self, nominal: ArrayLike) -> Array:
+        """Normalised speeds (...) that rotors turn at where the drive alone would give these (...)."""
+        u = self.share * np.asarray(nominal, float)
+        for bend in self.bends:
+            u = bend(u)
+        return u
+
+    def nominal(self, speeds: ArrayLike) -> Array:
+        """The inverse: what has to be commanded for true speeds (...)."""
+        u = np.asarray(speeds, float)
+        if not self.bends:
+            return u / self.share
+        grid, bent = self._table
+        return np.asarray(np.interp(u, bent, grid))
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        grid = np.linspace(0.0, TOP, POINTS)
+        # a dead band gives no speed for many commands: a slope too small to be felt orders them
+        return grid, np.maximum.accumulate(self.true(grid)) + 1e-12 * np.arange(POINTS)
 
 
 @dataclass(frozen=True)
@@ -101,7 +131,7 @@ class Vehicle:
         ):
             object.__setattr__(self, name, value)
 
-    def turned(self, commands: ArrayLike, full_speed: float = 1.0) -> NDArray[np.float64]:
+    def turned(self, commands: ArrayLike, full_speed: float = 1.0) -> Array:
         """Normalised true speeds (..., N) that commands (..., N) give.
 
         `full_speed` is what a command brings, of the speed it brings at the stated conditions.
@@ -109,13 +139,13 @@ class Vehicle:
         nominal = self.declared.turned(self.rotors, commands, self.conditions.voltage_V)
         return self.turning.true(full_speed * nominal)
 
-    def commanded(self, speeds: ArrayLike) -> NDArray[np.float64]:
+    def commanded(self, speeds: ArrayLike) -> Array:
         """Commands (..., N) that hold true speeds (..., N), beyond 0 .. 1 where no command does."""
         nominal = self.turning.nominal(speeds)
         return self.declared.commanded(self.rotors, nominal, self.conditions.voltage_V)
 
     @cached_property
-    def full(self) -> NDArray[np.float64]:
+    def full(self) -> Array:
         """(N,) true speeds of all rotors at full command."""
         return self.turned(np.ones(len(self.declared.rotors)))
 
@@ -169,6 +199,28 @@ def usual_lift(airframe: Airframe, model: RotorModel) -> float:
         low, high = (middle, high) if lift < weight else (low, middle)
     thrust, _ = airframe.loads(model, np.full(count, high))
     return max(float(np.median(thrust / high**2)), 1e-9)
+
+
+def shaft_watts(vehicle: Vehicle, speeds: ArrayLike) -> Array:
+    """(...) shaft watts of all rotors together at normalised speeds (..., N)."""
+    u = np.asarray(speeds, float)
+    torque = vehicle.airframe.loads(vehicle.model, u)[1]
+    return np.asarray((torque * u).sum(axis=-1) * vehicle.model.speed_max_rpm * RAD_S_PER_RPM)
+
+
+def battery_watts(vehicle: Vehicle, speeds: ArrayLike) -> Array:
+    """(...) battery watts at normalised speeds (..., N); NaN where the stand measured no volts and amps."""
+    u = np.asarray(speeds, float)
+    powers = vehicle.model.battery_power
+    if not powers:
+        return np.full(u.shape[:-1], np.nan)
+    torque = vehicle.airframe.loads(vehicle.model, u)[1]
+    rad_s = u * (vehicle.model.speed_max_rpm * RAD_S_PER_RPM)
+    total = np.zeros(u.shape[:-1])
+    for i, rotor in enumerate(vehicle.airframe.rotors):
+        side = powers["lower" if rotor.level == "lower" else "upper"]
+        total = total + side.watts(rad_s[..., i], torque[..., i])
+    return total
 
 
 def _turn(named: EffectEntry) -> int:

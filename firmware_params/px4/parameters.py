@@ -12,6 +12,7 @@ from firmware_params.errors import Finding
 from firmware_params.parameters import FLOAT, INT32, BoardParameter
 
 MAX_ROTORS = 12
+MOTOR_1 = 101  # as a value of the *_FUNC parameters; motors count on from it
 
 PARAMETERS = parameters.by_name(
     [

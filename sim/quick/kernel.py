@@ -83,7 +83,7 @@ class Turns(NamedTuple):
     last: int
     judged: int  # from which on sums are taken
     rate_hz: int
-    steps: int  # of the plant in each, all of one length: loops know one interval, and drum where it is another
+    steps: int  # of the plant in each; all turns are of one length, for loops know one interval
 
 
 class Body(NamedTuple):

@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.physics.drive import COPPER_1_K
+
 Array = NDArray[np.float64]
 
 LAWS = {
@@ -26,7 +28,6 @@ LAWS = {
     "dead_band": ("stretched", "soft", "breakaway"),
     "strange": ("sine", "bumps"),
 }
-COPPER_1_K = 0.00393
 DOWN_OVER_UP = 1.8  # of an asymmetric lag
 
 

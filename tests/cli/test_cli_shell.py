@@ -5,6 +5,7 @@ import pkgutil
 import shlex
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -235,6 +236,28 @@ def test_ctrl_c_leaves_one_line_at_every_moment():
             assert done.stderr.endswith("coaxlink: interrupted\n")
             cut_short += 1
     assert cut_short  # at the first moments nothing can be done yet
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_what_only_reads_in_the_middle_of_an_import():
+    """At once, not when the import is over."""
+    script = (
+        "import os, signal, sys, threading, time, importlib.abc\n"
+        "from coaxlink import _start\n"
+        "class Slow(importlib.abc.MetaPathFinder):\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'coaxlink.health.premises':\n"
+        "            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "            end = time.monotonic() + 30.0\n"
+        "            while time.monotonic() < end:\n"
+        "                sum(range(1000))\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "_start.main()\n"
+    )
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", script, "health", "x.csv"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "coaxlink: interrupted\n")
+    assert time.monotonic() - began < 30.0
 
 
 def test_ctrl_c_is_not_lost_where_the_interpreter_ignores_exceptions():

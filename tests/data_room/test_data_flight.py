@@ -181,6 +181,25 @@ def test_esc_batches_that_repeat_the_first_four_are_left_out(tmp_path: Path) -> 
     np.testing.assert_allclose(samples["rpm1"][5:-10], 1000 + 1e3 * samples["time_s"][5:-10], atol=1)
 
 
+def test_an_esc_that_esc_info_has_offline_has_no_speed(tmp_path: Path) -> None:
+    """PX4 repeats what it last heard of it."""
+    from firmware_params.px4 import messages
+
+    for bits, gone in ((0b1111_1101, True), (0, False)):  # 0: a driver that does not keep them
+        log = recorded(tmp_path / f"esc{bits}.tlog")
+        for ms in range(0, 4000, 100):
+            info = 0xFF if ms < 2000 and bits else bits
+            none = [0] * 4
+            log.add(messages.MAVLink_esc_info_message(0, ms * 1000, 0, 4, 0, info, none, none, none))
+            rpm = [1000 + ms, 2000 + min(ms, 2000), 3000 + ms, 4000 + ms]
+            log.add(messages.MAVLink_esc_status_message(0, ms * 1000, rpm, [20.0] * 4, [1.0] * 4))
+        samples = read_flight_log(log.write())
+        late = (samples["time_s"] > 2.6) & (samples["time_s"] < 3.8)
+        assert np.isfinite(samples["rpm1"][late]).all()
+        assert np.isnan(samples["rpm2"][late]).all() == gone
+        assert any("rpm2: ESC 1 is offline in 50%" in note for note in samples.notes) == gone
+
+
 @pytest.mark.slow
 @needs_shared
 @pytest.mark.shared_data

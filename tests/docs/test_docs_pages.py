@@ -2,7 +2,6 @@
 
 import re
 from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,6 +49,18 @@ def write_stand(path):
     path.write_text("\n".join(rows) + "\n")
 
 
+def figures_are_those_of_the_run(page, said):
+    """The tutorial's numbers, in the two digits that it gives, are what its commands have just printed."""
+    page, said = (" ".join(text.split()) for text in (page, said))
+    errors = r"falls from ([\d.]+) to ([\d.]+) N m"
+    printed = re.search(errors + r" \(noise alone: [\d.]+; ([\d.]+) with small corrections", said)
+    given = re.search(errors + r"\..*? down to ([\d.]+) N m", page)
+    assert [float(x) for x in given.groups()] == pytest.approx([float(x) for x in printed.groups()], rel=0.05)
+    given = re.search(r"rotor 6 had lost (\d+) %", page)
+    printed = re.search(r"rotor 6: (\d+) % [^:]* and back since", said)
+    assert abs(int(given[1]) - int(printed[1])) <= 1
+
+
 @pytest.fixture
 def reader(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -65,8 +76,9 @@ def reader(tmp_path, monkeypatch, capsys):
 def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     write_stand(tmp_path / "my_stand.csv")
     reader.follow("tutorial.md")
-    said = "\n".join(out for out, _ in reader.said.values())
+    said = "\n".join(out + err for out, err in reader.said.values())
     assert "found: degraded_rotor" in said and "verified" in said
+    figures_are_those_of_the_run((DOCS / "tutorial.md").read_text(), said)
     assert "lower rotors carried" in (tmp_path / "both.html").read_text()
 
     for page in ("stand.md", "airframe.md", "howto/px4.md", "howto/failed_upload.md",
@@ -141,11 +153,14 @@ def test_the_service_file_names_what_mix_takes_and_the_exit_codes_that_need_a_pe
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["README.md", "docs/mixers.md"])
-def test_the_python_on_the_page_runs(page, monkeypatch, capsys):
+def test_the_python_on_every_page_runs(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
-    found = re.findall(r"```python\n(.*?)```", Path(page).read_text(), re.DOTALL)
-    assert found
-    for code in found:
-        exec(compile(code, page, "exec"), {})
+    found = [
+        (page, code)
+        for page in PAGES
+        for code in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    ]
+    assert any(page.name == "README.md" for page, _ in found)
+    for page, code in found:
+        exec(compile(code, str(page), "exec"), {})
     assert capsys.readouterr().out.strip()

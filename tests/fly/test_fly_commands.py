@@ -1,6 +1,7 @@
 """Flights on a stand-in in memory: to the end, ended by its pilot, a limit or a lost link; and the verb."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from pymavlink.dialects.v20 import common as m
 from verb import run
 
 from coaxlink.errors import SafetyRefusal
-from coaxlink.fly.commands import Commander, ModeWatch, PlanAbandoned, Start
+from coaxlink.fly.commands import Commander, Crashed, ModeWatch, PlanAbandoned, Start
 from coaxlink.fly.trajectory import FlightPlan, Hold
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.station import hear_words
@@ -165,6 +166,41 @@ def test_the_pilots_mode_change_ends_it_at_once(px4, capsys, tmp_path):
         link.clock.sleep(3.0)
     # nobody took it back: still armed, in the pilot's mode
     assert heard[-1].base_mode & 128 and heard[-1].custom_mode >> 16 & 0xFF == POSITION
+
+
+@pytest.mark.slow
+def test_a_crash_is_called_a_crash(px4, capsys, tmp_path):
+    """Somebody's kill switch, three metres high."""
+    link = meet(px4, source_system=255, source_component=190)
+    killed = []
+
+    def kill(message):
+        if message.get_type() == "HEARTBEAT" and offboard(message) and not killed:
+            killed.append(message)
+            link.send(m.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0))
+
+    link.subscribe(kill)
+    with link:
+        code, _, err, found = fly(px4, capsys, tmp_path, "--yes")
+    assert code == 1 and found["result"] == "crash", err
+    assert "crashed: its motors stopped" in err and "landed" not in err
+
+
+@pytest.mark.parametrize(("roll", "height_m", "what"), [(2.0, 3.0, "by 115 degrees"), (2.0, 0.1, None)])
+def test_upside_down_is_a_crash_in_the_air_alone(px4, roll, height_m, what):
+    with meet(px4) as session:
+        commander = Commander(session)
+        commander._ground_z = 0.0
+        commander.telemetry.hear(m.MAVLink_attitude_message(0, roll, 0.0, 0.0, 0.0, 0.0, 0.0))
+        place = m.MAVLink_local_position_ned_message(0, 0.0, 0.0, -height_m, 0.0, 0.0, 0.0)
+        session.take = lambda *_: place
+        session.listen = lambda *_: nullcontext([])
+        positions = commander._positions("the plan", 4, OFFBOARD)
+        if what is None:
+            assert next(positions)[1] is place
+        else:
+            with pytest.raises(Crashed, match=what):
+                next(positions)
 
 
 @pytest.mark.slow

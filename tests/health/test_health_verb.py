@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_table import case_table
 
 import coaxlink
 from coaxlink.cli import main
@@ -179,3 +180,40 @@ def test_a_folder_is_a_fleet_judged_vehicle_by_vehicle(flights, tmp_path, capsys
     assert run(tmp_path / "logs", "--plot", tmp_path / "p.png") == 2
     (tmp_path / "empty").mkdir()
     assert run(tmp_path / "empty") == 2
+
+
+def with_speeds(log, path, **times):
+    """The log, some of its columns `times`."""
+    heads, *rows = (line.split(",") for line in log.read_text().splitlines())
+    columns = {heads.index(name): factor for name, factor in times.items()}
+    lines = [
+        ",".join(f"{columns[i] * float(v):.1f}" if i in columns else v for i, v in enumerate(row))
+        for row in rows
+    ]
+    path.write_text("\n".join([",".join(heads), *lines]))
+    return path
+
+
+@pytest.mark.slow
+def test_rpm_against_the_command_of_the_same_rotor(flights, tmp_path, capsys):
+    out = tmp_path / "h.json"
+    with case_table() as case:
+        with case("an ESC that counts other magnets, all sound"):
+            log = with_speeds(flights / "monday.csv", tmp_path / "a.csv", rpm3=0.83)
+            assert run(log, *VEHICLE, "--json", out) == 0
+            found = json.loads(out.read_text())
+            assert found["verdict"] == "sound" and [s["column"] for s in found["suspect_data"]] == ["rpm3"]
+            assert found["speed_ratios"]["3"] == pytest.approx(0.83, abs=0.01)
+        with case("a weak rotor whose motor turns slower"):
+            log = with_speeds(flights / "friday.csv", tmp_path / "b.csv", rpm6=0.85)
+            capsys.readouterr()
+            assert run(log, *VEHICLE, "--json", out) == 1
+            assert json.loads(out.read_text())["suspects"][0]["rotor"] == ROTOR
+            assert "rotor 6 turns at 0.85 times what its command asks" in capsys.readouterr().err
+        with case("a weak rotor, while another turns faster than it is asked to"):
+            log = with_speeds(flights / "friday.csv", tmp_path / "c.csv", rpm2=1.25)
+            assert run(log, *VEHICLE, "--json", out) == 1
+            found = json.loads(out.read_text())
+            assert found["verdict"] == "cannot judge" and found["suspects"] == []
+            (reason,) = found["cannot_judge"]
+            assert reason["premise"] == "rpm" and "rotor 2 turns at 1.25 times" in reason["why"]

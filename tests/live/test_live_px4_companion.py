@@ -16,7 +16,7 @@ from live_flight import CRM, EXAMPLES, X8, Companion, Flight
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.cli.mix import _line
-from coaxlink.cli.shared.coax_firmware import coax_firmware
+from coaxlink.cli.sim import coax_firmware
 from coaxlink.errors import CheckFailed, SafetyRefusal
 from coaxlink.live import onboard
 from coaxlink.live.mixer import LiveMixer

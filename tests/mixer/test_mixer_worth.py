@@ -249,6 +249,16 @@ def test_sink_grows_where_the_ceiling_is_near_and_the_exact_law_has_none_below()
     assert curved.sink_m_s2[2] == pytest.approx(9.80665 - lift / kg, abs=1e-3)
 
 
+def test_beyond_the_load_that_is_held_in_a_turn_every_table_sinks_and_the_exact_law_only_there():
+    for row in worths().rows:
+        beyond = row.sink_kg > row.held_kg
+        assert beyond.any() and (row.sink_m_s2[beyond] > 0).all(), row.name
+        assert row.held_kg < row.ceiling_N / 9.80665
+    exact = _row(LIVE)
+    assert np.abs(exact.sink_m_s2[exact.sink_kg < exact.held_kg - 1.0]).max() < 1e-3
+    assert _row("fitted").held_kg == pytest.approx(26.3, abs=0.3)  # as the documents have it
+
+
 def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_level():
     frame = load_airframe(EXAMPLES / "y6.toml")
     assert frame.rotor_model is not None

@@ -297,6 +297,14 @@ def test_current_and_temperature_are_shown_where_they_are_sent() -> None:
     assert not seen.escs_stale and look(heartbeat(autopilot=3), servo(), sent, later_s=2.0).escs_stale
 
 
+def test_an_esc_that_px4_has_offline_says_nothing_of_now() -> None:
+    """ESC_INFO's bits; none at all is a driver's that does not keep them."""
+    for bits, notes in ((0xFD, True), (0xFF, False), (0, False)):
+        info = EscInfo(0, 0, 0, 8, 0, bits, [0] * 4, [0] * 4, [0] * 4)
+        seen = look(heartbeat(), servo(), escs(0, [2381] * 4), escs(4, [3499] * 4), info)
+        assert any("ESC 1 (from 0) is offline" in note for note in seen.notes) == notes
+
+
 def test_the_battery_s_word() -> None:
     cases = [
         (83, None, 0, "ok"),

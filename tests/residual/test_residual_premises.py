@@ -32,7 +32,7 @@ def found(*names):
     effects = tuple(FoundEffect(n, ("force_z",), (), {"force_z": (5.1, 1.0)}, {}, "") for n in names)
     causes = {(n, "force_z"): ("height_m", np.zeros(1)) for n in (*names, "axial_inflow")}
     rows = np.zeros((1, 1))
-    series = Series(np.zeros(1), ("force_z",), rows, rows, causes, {"force_z": 1.0})
+    series = Series(np.zeros(1), ("force_z",), rows, rows, rows, causes, {"force_z": 1.0})
     answer = Refinement("flight", {"force_z": left}, effects, (), (), (), (), None, series=series)
     return replace(answer, corrections={"upper_thrust_level": 0.04, "lower_thrust_level": 0.04})
 
@@ -100,7 +100,7 @@ def test_a_mass_whose_torques_are_off_with_the_lift_is_a_doubt():
     heavier, sigma = X8.mass_kg * 1.05, np.full(2, 0.002)
 
     def doubt(torque, sigma=sigma):
-        return level_not_mass(frame, Scales(0.0, np.full(2, torque), sigma), heavier)
+        return level_not_mass(frame, Scales(0.0, np.full(2, torque), sigma, 0.03), heavier)
 
     assert doubt(-0.05).names == ("mass_change", "thrust_level", "battery_voltage")
     assert doubt(0.0) is None and doubt(0.05) is None  # a mass turns nothing

@@ -10,8 +10,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.ardupilot import ap_factors, report_ap
-from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
-from coaxlink.tables.px4 import report_px4
+from coaxlink.tables.px4 import nearest, report_px4, wanted_mix, worst_relative
 from coaxlink.uploading.ardupilot_table import moved_rotors, present_table
 from coaxlink.uploading.beside import beside_ap, beside_px4
 from coaxlink.vehicle import Vehicle
@@ -120,10 +119,11 @@ def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters()
 
 
 def test_motors_that_a_frame_numbers_in_another_way_are_found():
-    """ArduPilot's own Y6 layers its motors in another order than our example, its X8 as the paper."""
+    """The example is numbered as ArduPilot's Y6A, which its Y6B is not."""
     table = report_ap(Vehicle(*_load("y6")), "reduced").table
-    y6 = present_table({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, lambda: None)
-    assert moved_rotors(y6, table)[0] == "rotor 3 changes left or right and front or rear"
+    y6a, y6b = (present_table({"FRAME_CLASS": 5, "FRAME_TYPE": kind}, lambda: None) for kind in (1, 10))
+    assert moved_rotors(y6a, table) == []
+    assert moved_rotors(y6b, table)[1] == "rotor 2 changes left or right and spin"
     x8 = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
     assert moved_rotors(x8, table) == ["8 rotors now, 6 in the table"]
     turned = dataclasses.replace(table, factors=tuple((r, p, -y, t) for r, p, y, t in table.factors))

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from coaxlink.errors import InputError
 from coaxlink.mixer import make_law
 from coaxlink.mixer.comparison import compare
 from coaxlink.mixer.demands import envelope
+from coaxlink.mixer.fitted import TableFit
 from coaxlink.mixer.worth import weigh
 from coaxlink.tables.behaviour import behaviour
 from coaxlink.tables.default_law import YAW_SHARE, choose_law
@@ -32,8 +34,8 @@ def _speeds(vehicle):
     ("name", "mass", "law", "why"),
     [
         ("x8_paper.toml", 1.0, "fitted", "the fitted table: its ceiling is 2.09"),
-        ("y6.toml", 1.0, "fitted", "between the fitted and the standard one"),  # it hardly yaws
-        ("x8_paper.toml", 1.1, "fitted", "between the fitted and the standard one"),  # it hardly climbs
+        ("y6.toml", 1.0, "balanced", "the balanced table, not the fitted one"),  # it hardly yaws
+        ("x8_paper.toml", 1.1, "balanced", "the balanced table, not the fitted one"),  # it hardly climbs
     ],
 )
 def test_the_law_is_chosen_by_the_margins(name, mass, law, why):
@@ -47,6 +49,14 @@ def test_the_law_is_chosen_by_the_margins(name, mass, law, why):
     assert flown.thrust_to_weight >= min(1.99, 0.98 * standard.thrust_to_weight)
     assert flown.limits[2].moment_Nm >= 0.98 * YAW_SHARE * standard.limits[2].moment_Nm
     assert flown.hover_W < standard.hover_W
+    named = report_px4(vehicle, "balanced")  # asked for by its name: the same table, or the fitted one itself
+    assert named.params == report_px4(vehicle, chosen.law, fit=chosen.fit).params and named.law == "balanced"
+
+
+def test_a_balanced_table_that_does_not_exist_is_said(monkeypatch):
+    monkeypatch.setattr(TableFit, "with_margins", lambda *_: None)
+    with pytest.raises(InputError, match="no table near the fitted one keeps both"):
+        report_px4(_vehicle("x8_paper.toml", 1.1), "balanced")
 
 
 def test_compare_and_table_mean_the_same_ceiling_and_yaw():

@@ -9,8 +9,6 @@ from coaxlink.errors import InputError
 
 OPTIONS = ("--install-completion", "--show-completion")
 SHELLS = ("bash", "zsh", "fish", "powershell", "pwsh")  # what typer completes for
-FIRMWARES = ("px4", "ardupilot")
-TABLE_LAWS = ("fitted", "reduced", "standard", "curved")
 
 
 def one_of(*values: str) -> Callable[[str], list[str]]:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coaxlink import _interrupts
 from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError
 
@@ -39,6 +40,7 @@ def vehicle_at(url: str, *, system: int | None = None, **options: Any) -> Iterat
     """
     from coaxlink.mavlink import connect
 
+    _interrupts.begin()
     with connect(url, target_system=system, **options) as line, introduced(line) as session:
         yield session
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
 
 PLAN = "split"
-LEVELS = 7
+LEVELS = 7  # splits that are flown, evenly over the reach
 TABLE_DWELLS = 5  # of a hover with one table: 90 s
 
 

@@ -44,6 +44,7 @@ from coaxlink.data.logs.stretches import LATE_S, UNHEARD_S, Stream, cuts, each_s
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 
+ONLINE_BITS = 8  # of ESC_INFO
 EPOCH_US = 1e15  # a stamp above this counts from 1970, one below from boot
 ESC_TELEMETRY = ("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_9_TO_12")
 NAMES = (
@@ -384,6 +385,22 @@ def _voltage(battery: Message | None) -> TimeSeries | None:
     return series(rows_of(pack, (battery["id"] == 0) & filled[:, 0]), {"voltage_V": "pack"})
 
 
+def _online(info: Message | None, esc: int, time_s: Array) -> NDArray[np.bool_]:
+    """(n,) whether the last ESC_INFO has an ESC's bit: without it PX4 repeats what it last heard of it.
+
+    Every batch holds the bits of the first eight (PX4's ESC_INFO.hpp). A driver that never sets the bit of an
+    ESC whose speed moves does not keep them.
+    """
+    always = np.ones(len(time_s), bool)
+    if info is None or esc >= ONLINE_BITS:
+        return always
+    order = np.argsort(info["time_s"], kind="stable")
+    bits = (np.nan_to_num(info["info"][order]).astype(np.int64) >> esc) & 1 == 1
+    last = np.searchsorted(info["time_s"][order], time_s, side="right") - 1
+    online: NDArray[np.bool_] = bits[np.maximum(last, 0)]
+    return online if online.any() else always
+
+
 def _rpm(
     messages: Mapping[str, Message], outputs: Map, notes: list[str], premises: list[str]
 ) -> list[TimeSeries | None]:
@@ -417,7 +434,11 @@ def _rpm(
     found: list[TimeSeries | None] = []
     for esc, motor in motors.items():
         time_s, columns = speeds[esc]
-        found.append(TimeSeries.of(time_s, {name.format(motor): c for name, c in columns.items()}))
+        online = _online(info, esc, time_s)
+        if not online.all():
+            notes.append(f"rpm{motor}: ESC {esc} is offline in {np.mean(~online):.0%} of ESC_STATUS")
+        columns = {name.format(motor): c[online] for name, c in columns.items()}
+        found.append(TimeSeries.of(time_s[online], columns))
         if esc in warm and np.any(warm[esc][1]):
             found.append(TimeSeries.of(warm[esc][0], {f"temperature{motor}_C": warm[esc][1]}))
     return found

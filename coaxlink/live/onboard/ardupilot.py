@@ -13,10 +13,10 @@ from firmware_params import ardupilot
 from firmware_params.ardupilot import scripts
 
 SCRIPT_NAME = "coaxlink_bridge.lua"
-HOLD_MS = 100
-PERIOD_MS = 4
+HOLD_MS = 100  # an answer's life; the default of the option
+PERIOD_MS = 4  # between demands: 250 Hz
 ASK = 255  # the group of an answer that only asks for the demand
-REQUEST_MS = 3000
+REQUEST_MS = 3000  # a link where a companion asked within this gets the demand
 COUNTED = 65536  # whole numbers up to 2^24 are exact in the message's single precision
 
 

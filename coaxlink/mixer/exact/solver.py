@@ -86,7 +86,7 @@ class State(NamedTuple):
 
 
 CURVATURE = 0.05  # least curvature of an arm's block
-NO_PIVOT = 1e-14
+NO_PIVOT = 1e-14  # rounding of a double
 TINY_PIVOT = 1e-9  # the axis cannot be moved by the rotors still free
 RIDGE = 1e-9  # on the Schur complement where the free rotors cannot move an axis
 ROUNDS = 6  # active-set rounds before the sure way

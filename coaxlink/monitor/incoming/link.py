@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, LinkError
+from coaxlink.live.health_watch import JUDGED_HZ
 from coaxlink.mavlink import Session, connect
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.clock import SYSTEM, Clock
@@ -29,7 +30,6 @@ REFRESH_S = 3.0  # between looks at the table and at what does not come
 ENOUGH = 0.5  # of the rate that was asked for: a stream that comes more slowly is requested again
 GONE_S = 10.0  # silent for so long, a session is made anew: another vehicle may have come
 TRIES = 3  # of a stream that was promised and does not come: there is none, or the line is too slow
-JUDGED_HZ = 50.0  # of what the rotors are judged by
 _COMMON = {
     "SERVO_OUTPUT_RAW": (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, JUDGED_HZ),
     "LOCAL_POSITION_NED": (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 5.0),

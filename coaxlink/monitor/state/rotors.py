@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import HALF_A_PWM_STEP
 from coaxlink.errors import CoaxlinkError
 from coaxlink.live.in_air import RotorsInAir
 from coaxlink.mavlink.telemetry import Timed
@@ -23,7 +24,6 @@ from coaxlink.monitor.state.speeds import STALE_S, RotorSpeeds, Values, motor_ou
 from coaxlink.vehicle import Vehicle
 
 STANDING = 0.005  # normalised speed below which a rotor stands still
-BOUND = 5e-4  # of normalised command: half a step of a PWM output of 1000 steps
 INFO_STALE_S = 5.0  # ESC_INFO comes about once a second
 _SPLIT_N = 1.0  # a pair with less thrust idles and its split means nothing
 
@@ -176,9 +176,9 @@ def _by_rotor(by_output: Mapping[int, Timed], outputs: tuple[int | None, ...]) -
 def _bound(throttle: float | None, least: float, flying: bool) -> str:
     if throttle is None:
         return ""
-    if throttle >= 1.0 - BOUND:
+    if throttle >= 1.0 - HALF_A_PWM_STEP:
         return "max"
-    return "min" if flying and throttle <= least + BOUND else ""
+    return "min" if flying and throttle <= least + HALF_A_PWM_STEP else ""
 
 
 def _finite(value: float) -> float | None:

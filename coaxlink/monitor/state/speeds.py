@@ -24,6 +24,7 @@ from firmware_params.ardupilot import servo_function
 from firmware_params.ardupilot.parameters import motor_range
 
 STALE_S = 1.5  # speeds older than this are not the present
+INFO_STALE_S, ONLINE_BITS = 3.0, 8  # of ESC_INFO, which comes once a second; it has the first eight ESCs'
 RUNNING = 0.1  # normalised command above which a motor must turn
 Values = tuple[float | None, ...]  # (N,) by rotor
 _APART = 0.03  # normalised speed between two outputs whose ESCs read the same
@@ -108,6 +109,10 @@ def measured_speeds(heard: Heard, vehicle: Vehicle, commanded: SpeedSource) -> t
     title, notes = f"{kind} rpm", []
     # an ESC that stopped coming says nothing about now
     live = {i: t for i, t in rpm.items() if newest.received_s - t.received_s <= STALE_S}
+    if offline := _offline(heard.telemetry, live, newest.received_s):
+        named = ", ".join(str(esc) for esc in offline)
+        notes.append(f"ESC_INFO: ESC {named} (from 0) is offline, its rpm is not used")
+        live = {i: t for i, t in live.items() if i not in offline}
     for first in _repeated(live, commanded.u if commanded.fresh(now) else ()):
         notes.append(f"{kind} repeats rotors 1-4 as {first + 1}-{first + 4}: not used for them")
         live = {i: t for i, t in live.items() if not first <= i < first + 4}
@@ -120,6 +125,17 @@ def measured_speeds(heard: Heard, vehicle: Vehicle, commanded: SpeedSource) -> t
         return SpeedSource(title, "measured", (None,) * rotors), notes
     extra = sum(1 for output, t in live.items() if t.value and output not in outputs)
     return SpeedSource(title, "measured", u, newest.received_s, extra), notes
+
+
+def _offline(telemetry: Telemetry, live: Mapping[int, Timed], newest_s: float) -> list[int]:
+    """ESCs, counted from 0, without a bit in the newest ESC_INFO: PX4 repeats what it last heard of them.
+
+    No bit at all is a driver's that does not keep them.
+    """
+    info = telemetry.newest("ESC_INFO")
+    if info is None or not info.value.info or newest_s - info.received_s > INFO_STALE_S:
+        return []
+    return [esc for esc in live if esc < ONLINE_BITS and not info.value.info >> esc & 1]
 
 
 def motor_outputs(parameters: Mapping[str, float], rotors: int) -> tuple[int | None, ...]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from coaxlink.data.aliases import SIDES
 from coaxlink.load import Load
 from coaxlink.report.pictures.figures import GREY, SIZE, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import channel_words, label
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 MODEL = AFTER.colour
 NEAR = 0.02  # of full speed: points that a line for one speed is drawn through
-SIDES = ("upper", "lower")
 
 
 def figures(result: Identification, stamp: str = "") -> dict[str, Figure]:

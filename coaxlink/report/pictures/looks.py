@@ -47,5 +47,7 @@ LOOKS = (
     Look("#bb8866", (0, (5, 1, 1, 1, 1, 1)), ">", "++"),
 )
 DARK = (LOOKS[0], LOOKS[2], LOOKS[4], LOOKS[5])  # lines that stand out on white
-BEFORE, AFTER = Look("#e08a50", "-", "s"), Look("#174d73", "-", "o")  # 35 of 100 apart in lightness
+# of a model: as it came, corrected, and with what was found; 12 of 100 and more apart in lightness
+GIVEN, BEFORE, AFTER = Look("#7d8590", ":", "^"), Look("#e08a50", "-", "s"), Look("#174d73", "-", "o")
+STATES = tuple(zip(("as given", "corrected", "with effects"), (GIVEN, BEFORE, AFTER), strict=True))
 THRUST, TORQUE = Look("#174d73", "-", "o"), Look("#e08a50", "--", "s")

@@ -29,9 +29,12 @@ def draw_comparison(name: str, worths: Worths, shown: Sequence[Worth], stamp: st
     for row in shown:
         if len(row.sink_kg):
             below.plot(row.sink_kg, row.sink_m_s2, **looks[row.name].line, label=row.name, lw=2.2)
+            if row.held_kg > row.sink_kg[0]:
+                at = float(np.interp(row.held_kg, row.sink_kg, row.sink_m_s2))
+                below.plot(row.held_kg, at, **looks[row.name].points, ms=9)
     below.axvline(worths.rows[0].mass_kg, color=INK, lw=1, ls=":")
     roll, _, yaw = worths.rows[0].hard_Nm
-    below.set_title(f"sink under {roll:.0f} N m of roll and {yaw:.1f} N m of yaw at once")
+    below.set_title(f"sink in {roll:.0f} N m of roll, {yaw:.1f} N m of yaw; mark: the most held")
     below.set_xlabel("load: the vehicle's whole mass, kg (dotted: as it is)")
     below.set_ylabel("downward, m/s\N{SUPERSCRIPT TWO}")
     below.legend()

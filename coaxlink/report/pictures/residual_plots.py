@@ -1,4 +1,4 @@
-"""Pictures of a refinement: the residual before and after, over time and over its cause."""
+"""Pictures of a refinement: the residual as given, corrected and with effects, over time and its cause."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from coaxlink.report.pictures.figures import GREY, SIZE, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import cause_words, channel_words
 from coaxlink.report.pictures.label import label as words
-from coaxlink.report.pictures.looks import AFTER, BEFORE
+from coaxlink.report.pictures.looks import AFTER, STATES
 from coaxlink.residual.result import Refinement, Series
 
 if TYPE_CHECKING:
@@ -32,17 +32,16 @@ def overview_figure(result: Refinement, stamp: str = "") -> Any:
 
 
 def errors_figure(result: Refinement, stamp: str = "") -> Any:
-    """The error of every channel before and after in units of its noise floor; `stamp` below it."""
+    """Each channel's error as given, corrected, with effects, in noise floors; `stamp` below it."""
     figure = new_figure(1.6 + 0.45 * len(result.channels))
     axis = figure.subplots()
     names = list(result.channels)
     for i, name in enumerate(names):
         c = result.channels[name]
         unit = max(c.noise_floor, 1e-12)
-        for value, interval, look, shift, label in (
-            (c.rmse_before, c.ci_before, BEFORE, 0.17, "before"),
-            (c.rmse_after, c.ci_after, AFTER, -0.17, "after"),
-        ):
+        given = (c.rmse_as_given, (c.rmse_as_given, c.rmse_as_given))
+        errors = (given, (c.rmse_before, c.ci_before), (c.rmse_after, c.ci_after))
+        for (label, look), (value, interval), shift in zip(STATES, errors, (0.25, 0.0, -0.25), strict=True):
             axis.plot(
                 [x / unit for x in interval], [i + shift] * 2, color=look.colour, lw=2, solid_capstyle="butt"
             )
@@ -88,8 +87,8 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str, fir
     time = np.concatenate([[0.0], np.cumsum(np.where(broken, LOG_GAP_S, steps))])
     gaps = np.flatnonzero(broken) + 1
     axis.axhspan(-2 * floor, 2 * floor, color=GREY, alpha=0.25, lw=0, label="within 2 x noise floor")
-    both = (series.before[:, c], BEFORE, "before"), (series.after[:, c], AFTER, "after")
-    for values, look, label in both:
+    for (label, look), rows in zip(STATES, (series.given, series.before, series.after), strict=True):
+        values = rows[:, c]
         axis.plot(
             np.insert(time, gaps, np.nan),
             np.insert(values, gaps, np.nan),
@@ -118,7 +117,8 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         plain_axis(axis)
         return
     label, cause = series.causes[effect, channel]
-    for values, look in ((series.before[:, c], BEFORE), (series.after[:, c], AFTER)):
+    for (_, look), rows in zip(STATES, (series.given, series.before, series.after), strict=True):
+        values = rows[:, c]
         axis.plot(cause, values, ".", ms=2, alpha=0.35, color=look.colour, rasterized=True)
         edges = np.unique(np.quantile(cause, np.linspace(0, 1, 13)))
         at = np.clip(np.searchsorted(edges, cause, side="right") - 1, 0, max(len(edges) - 2, 0))
@@ -134,4 +134,5 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
 def _title(result: Refinement) -> str:
     if not result.effects:
         return "residual: no effect found"
-    return "residual before and after: " + ", ".join(e.name.replace("_", " ") for e in result.effects)
+    names = ", ".join(e.name.replace("_", " ") for e in result.effects)
+    return f"residual as given, corrected, and with {names}"

@@ -159,8 +159,15 @@ def alone(kind: str, nats: float) -> float:
     return probability("open", flown_open_terms({kind: nats}, ()), FLIGHTS)
 
 
+def best_of(found: Posterior, names: Collection[str]) -> Hypothesis:
+    """The best set of no other effects than these."""
+    sets = [h for h in found.sets if h.effects <= {*names}]
+    return min(sets, key=found.nats_behind, default=found.best)
+
+
 def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str, float]:
-    """What speaks for more than these names: nats of the others, of the best free form, of the best line.
+    """What speaks for more than these names: nats of the others, of the best free form, of the best line, and
+    of corrections that are strained beside these names alone.
 
     Those of a lag for themselves.
     """
@@ -174,6 +181,7 @@ def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str
         "lag": whole - less,
         "form": max((f.nats for f in left.forms if f.nats > 0.0), default=0.0),
         "line": max((line.nats for line in left.lines), default=0.0),
+        "strain": max((strain.nats for strain in left.strains(best_of(found, apart))), default=0.0),
     }
 
 
@@ -284,10 +292,12 @@ def flown_terms(numbers: Mapping[str, float]) -> dict[str, float]:
 
 def flown_open_terms(numbers: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
     """What the logistic model takes of what a flight holds beyond some names: nats of a name, a form and a
-    line add up.
+    line add up. What strains the corrections is what a name would explain.
     """
-    lag = numbers.get("lag", 0.0)
-    return _beyond({"tempered": sum(numbers.values()) - lag, "lag": lag}, said)
+    name, strain, form, line, lag = (
+        numbers.get(kind, 0.0) for kind in ("name", "strain", "form", "line", "lag")
+    )
+    return _beyond({"tempered": max(name, strain) + form + line, "lag": lag}, said)
 
 
 def flown_nats() -> float:

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.parts import Block, products, waves
+from coaxlink.residual.diagnosis.parts import Block, beside, products, waves
 from coaxlink.residual.members import Member
 
 SHARES = (0.2, 0.03)  # of the effect, one standard deviation; each as likely
@@ -34,7 +34,7 @@ def discrepancy(ch: Channels, m: Member, mine: Array, share: float) -> Block | N
         _, cause = m.effect.cause(ch.bare, m.shape, name)
         z = np.asarray(cause, float)[ch.frame.keep]
         speeds = ch.speeds[c] if name.startswith("lower") else ch.speeds[c][:1]
-        process = _beside(*(waves(u, OVER_SPEED) for u in speeds if np.ptp(u) > 0.0 or u is speeds[0]))
+        process = beside(*(waves(u, OVER_SPEED) for u in speeds if np.ptp(u) > 0.0 or u is speeds[0]))
         if np.ptp(z) > 0.0:
             low, high = np.quantile(z, [0.005, 0.995])
             if high > low:
@@ -55,14 +55,6 @@ def discrepancy(ch: Channels, m: Member, mine: Array, share: float) -> Block | N
     if not pieces:
         return None
     return Block(f"{m.name} discrepancy", np.concatenate(pieces, axis=-1), np.concatenate(deviations))
-
-
-def _beside(*processes: tuple[Array, Array]) -> tuple[Array, Array]:
-    """The sum of processes, together of one's variance: a lower rotor's load goes with both speeds."""
-    share = 1.0 / np.sqrt(len(processes))
-    return np.concatenate([p[0] for p in processes], axis=1), np.concatenate(
-        [p[1] for p in processes]
-    ) * share
 
 
 def _later(mine: Array, channel: int, share: float) -> tuple[Array, Array]:

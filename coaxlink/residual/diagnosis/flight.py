@@ -18,7 +18,7 @@ from coaxlink.residual.diagnosis.channels import Channels, possible
 from coaxlink.residual.diagnosis.decide import flown_nats
 from coaxlink.residual.diagnosis.flight_search import FlightSearch, Flown
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
-from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.parts import Block, products, waves
 from coaxlink.residual.diagnosis.shown import would_show as smallest
 from coaxlink.residual.held_out import contiguous_blocks
 from coaxlink.residual.members import composed, known_parts
@@ -28,6 +28,7 @@ from coaxlink.residual.result import HIDDEN, WouldShow
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
 # of a rotor's load, judgement: what propellers of one mould, and their motors, differ by
 THRUST_SCATTER, TORQUE_SCATTER = 0.0015, 0.008
+MODEL_LENGTH = 0.05  # of full speed: half of what lies between levels, where a stand runs ten a rotor
 MANY_ROWS = 5_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
@@ -65,7 +66,7 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
         speeds={c: (frame.speeds[frame.keep].mean(axis=1),) for c in range(len(FLIGHT_CHANNELS))},
         weights=np.broadcast_to(frame.reference, target.shape),
         nuisance=(*corrections, *_scatter(frame, reduce)),
-        surface=(),
+        surface=tuple(_model_missed(frame, reduce)),
         forms={},
         effects=tuple(able),
         reduce=reduce,
@@ -90,6 +91,33 @@ def _scatter(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Iterator[B
         drag = frame.airframe.body_loads(none, frame.torque * one)
         for load, columns, size in (("thrust", pull, THRUST_SCATTER), ("torque", drag, TORQUE_SCATTER)):
             yield Block(f"rotor{rotor.number}_{load}_share", reduce(columns)[..., None], np.array([size]))
+
+
+def _model_missed(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Iterator[Block]:
+    """What a rotor model left of its own stand log, over the speeds and alike in all pairs: a flight that
+    shows it again shows nothing new."""
+    none, upper_of = np.zeros_like(frame.thrust), {lower: upper for upper, lower in frame.airframe.pairs}
+    for load, size in frame.model.missed.items():
+        rotors = [k for k, r in enumerate(frame.airframe.rotors) if load.channel.startswith(r.level)]
+        if not rotors:
+            continue
+        both = [rotors] if load.channel.startswith("upper") else [rotors, [upper_of[k] for k in rotors]]
+        process = _over(frame.speeds[:, both[0]])
+        for each in both[1:]:
+            process = products(process, _over(frame.speeds[:, each]))
+        functions, deviation = process[0].reshape(len(none), len(rotors), -1), process[1]
+        columns = []
+        for one in np.moveaxis(functions, -1, 0):
+            loads = none.copy()
+            loads[:, rotors] = one
+            thrust, torque = (loads, none) if load.unit == "N" else (none, loads)
+            columns.append(reduce(frame.airframe.body_loads(thrust, torque)))
+        yield Block(f"{load.channel} model", np.stack(columns, axis=-1), size * deviation)
+
+
+def _over(speeds: Array) -> tuple[Array, Array]:
+    """Functions (rows rotors, K) over the speeds of rotors (rows, rotors), and their deviations."""
+    return waves(speeds.ravel(), MODEL_LENGTH / max(float(np.ptp(speeds)), MODEL_LENGTH))
 
 
 def would_show(found: Flown, lead: Hypothesis) -> list[WouldShow]:

@@ -11,13 +11,14 @@ from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.evidence import JITTER
 from coaxlink.residual.diagnosis.flight_search import Flown
-from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, products, waves
 
@@ -27,6 +28,7 @@ ANGLE = "yaw_rad"  # what begins anew after a turn
 STRAIGHT = 2  # functions of a variable that are level or nearly straight
 PLACE = ("north_m", "east_m")
 TIME = "time_s"
+LOADS = ("thrust", "torque")
 PATHS = (TIME, "voltage_V", *PLACE, " & ".join(PLACE))  # what a vehicle seldom comes back to
 # cycles of a period in a log, judgement: fewer are a trend; frequencies to either side that a line stands out
 # from
@@ -53,8 +55,22 @@ class Line:
     size: float  # of the reference load
 
 
+@dataclass(frozen=True)
+class Strain:
+    """Corrections of one kind that together lie further out than the vehicle's premises have them."""
+
+    load: str  # thrust or torque
+    channel: str  # where they add most
+    motor: str  # of the rotor that is furthest out
+    share: float  # of its load
+    believed: float  # of its load, one standard deviation
+    rms: float
+    nats: float  # against corrections that lie so far out by chance
+    size: float  # of the reference load
+
+
 class Left:
-    """What there is beside a set: the best free forms, and what comes and goes in time."""
+    """What there is beside a set: free forms, what comes and goes in time, corrections that are strained."""
 
     def __init__(self, found: Flown, lead: Hypothesis) -> None:
         self.channels = replace(found.channels, forms=_forms(found.channels))
@@ -87,6 +103,43 @@ class Left:
                 period, rms, nats = found
                 out.append(Line(channel, period * row, rms, nats, rms / float(ch.reference[c])))
         return tuple(line for line in out if line.size >= LEAST)
+
+    def strains(self, h: Hypothesis) -> tuple[Strain, ...]:
+        """Rotors' own shares of thrust and of torque beside a set, of what is large enough, the odds of an
+        explanation paid.
+
+        A constant moment that no name took is spread over all rotors, each a little further out than
+        propellers of one mould differ: together they tell. Of the others, gusts that the loops answer strain
+        what goes with speed or is late, and `mass_or_thrust` tells of the lift.
+        """
+        return tuple(s for load in LOADS if (s := self._strain(h, load)) is not None and s.size >= LEAST)
+
+    def _strain(self, h: Hypothesis, load: str) -> Strain | None:
+        """Posterior means (K,) of corrections that are what their priors say have variances of prior less
+        posterior: as many squares, in prior deviations, as the log has told of them (MacKay 1992, the count
+        of well determined parameters).
+        """
+        ch, fit = self.channels, h.fit
+        of = [k for k, block in enumerate(ch.nuisance) if block.name.endswith(f"_{load}_share")]
+        if not of:
+            return None
+        at = np.cumsum([0, *(block.width for block in ch.nuisance)])[of]
+        out = fit.values[at] / fit.deviation[at]
+        told = float(np.sum(1.0 - np.diagonal(fit.covariance)[at] / fit.deviation[at] ** 2))
+        added = np.concatenate([ch.nuisance[k].columns for k in of], axis=-1) @ fit.values[at]
+        rms = np.sqrt(np.mean(added**2, axis=0))
+        c, most = int(np.argmax(rms / ch.reference)), int(np.argmax(np.abs(out)))
+        chance = float(chi2.logsf(np.sum(out**2), told)) + np.log(len(LOADS)) if told > 0.0 else 0.0
+        return Strain(
+            load=load,
+            channel=ch.names[c],
+            motor=ch.nuisance[of[most]].name.split("_")[0].replace("rotor", "motor"),
+            share=float(fit.values[at[most]]),
+            believed=float(fit.deviation[at[most]]),
+            rms=float(rms[c]),
+            nats=max(float(ODDS) - chance, 0.0),
+            size=float(rms[c] / ch.reference[c]),
+        )
 
     def _about(self, *forms: str) -> Hypothesis:
         lead = self._lead

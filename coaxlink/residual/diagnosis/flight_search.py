@@ -65,8 +65,6 @@ def searched(ch: Channels, progress: Progress) -> Flown:
         times, starts = now, search.visited.ranked()[:STARTS] if search else []
         search = FlightSearch(Scorer(ch, tempered(times)), lambda said: progress(f"weighing {said}"))
         search.run([h for h in starts if h.members])
-        if len(ch.frame.time_s) < SHORT_ROWS:
-            search.rivals()
         beside = search.visited.best
     assert search is not None
     return Flown(posterior(ch, search.scorer.colour, search.visited.ranked(), whole=True), search, ch)

@@ -50,7 +50,6 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
 
     A slow effect is noise under a colour that has it already; under white noise a wander is an effect.
     The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
-    What could be confounded with each effect of the best set is weighed as well.
     """
     ch = mapped(ch, white(ch.count))
     empty = Scorer(ch, white(ch.count)).empty
@@ -71,8 +70,6 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
         search = Search(scorer, lambda said: progress(f"weighing {said}"))
         visited = search.run(starts)
         empty, starts = scorer.empty, visited.ranked()[:STARTS]
-    progress("weighing what could stand in")
-    search.rivals()
     found = posterior(ch, scorer.colour, visited.ranked())
     return Diagnosis(found, scorer.colour, ch, would_show(search, NAMED_NATS))
 

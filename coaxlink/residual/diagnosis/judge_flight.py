@@ -17,6 +17,7 @@ from coaxlink.residual.diagnosis.decide import (
     NOTHING,
     Decision,
     alone,
+    best_of,
     calibration,
     decided_in_flight,
     flown_numbers,
@@ -109,6 +110,13 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> li
     for line in left.lines:
         words = f"it comes and goes with a period of {line.period_s:.2g} s, by nothing recorded"
         parts.append((alone("line", line.nats), {line.channel: [(line.rms, TIME, words)]}))
+    for s in left.strains(best_of(found.posterior, {*said.claimed} | said.grouped)):
+        words = (
+            f"as if rotor {s.motor.removeprefix('motor')} made {100 * abs(s.share):.2g} % "
+            f"{'more' if s.share > 0.0 else 'less'} {s.load} throughout, and the others the rest: "
+            f"propellers of one mould differ by {100 * s.believed:.2g} %"
+        )
+        parts.append((alone("strain", s.nats), {s.channel: [(s.rms, s.motor, words)]}))
     for m in [m for m in lead.members if m.name in said.withheld]:
         u = unnamed(ch, found.posterior, lead, m, said.withheld[m.name])
         nats = flown_numbers(ch, found.posterior, lead, m)["tempered"]

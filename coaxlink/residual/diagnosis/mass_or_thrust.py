@@ -17,11 +17,11 @@ import numpy as np
 from coaxlink.effects.tracing import Array
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.held_out import Index
-from coaxlink.residual.nuisance.flight_corrections import lift_share
+from coaxlink.residual.nuisance.flight_corrections import lift_room, lift_share
 from coaxlink.residual.result import Ambiguous
 from coaxlink.signals import derivative
 
-DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
+DOUBTFUL_LIFT = 0.73  # of what a stand may miss of the lift (2.2 % of 3): less is its own
 LIKE = 0.2  # of the lift's share: torques this near to nothing, or to the lift, side with it
 SURE = 2.0  # standard deviations
 MASS, SAG = "mass_change", "battery_voltage"
@@ -36,11 +36,12 @@ class Scales:
     lift: float
     torque: Array
     sigma: Array
+    room: float  # what the stand may miss of the lift
 
     @property
     def verdict(self) -> str:
         """mass, level, or open."""
-        if abs(self.lift) < DOUBTFUL_LIFT:
+        if abs(self.lift) < DOUBTFUL_LIFT * self.room:
             return "none"
         reach = SURE * self.sigma
         room = LIKE * abs(self.lift)
@@ -73,7 +74,7 @@ def scales(
     for k in range(2):
         columns = np.stack([predicted[:, k], slope[:, k], np.ones(len(left))], axis=1)
         torque[k], sigma[k] = _first(columns, left[:, k], block)
-    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD))
+    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD), lift_room(acting))
 
 
 def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:

@@ -59,6 +59,13 @@ def products(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[A
     return _felt(functions, np.outer(first[1], second[1]).ravel())
 
 
+def beside(*processes: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The sum of processes, together of one's variance: a lower rotor's load goes with both speeds."""
+    share = 1.0 / np.sqrt(len(processes))
+    functions, deviations = (np.concatenate(part, axis=-1) for part in zip(*processes, strict=True))
+    return functions, deviations * share
+
+
 def _felt(functions: Array, deviations: Array) -> tuple[Array, Array]:
     """Without those of next to no deviation."""
     use = deviations > NEGLIGIBLE * deviations.max()

@@ -297,6 +297,7 @@ def _series(f: Fitted, floor: Array) -> Series:
     return Series(
         time_s=ch.frame.time_s[keep][::step],
         channels=ch.names,
+        given=ch.target[::step],
         before=f.before.held_out[::step],
         after=f.after.held_out[::step],
         causes=causes,

@@ -10,8 +10,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
-from coaxlink.residual.diagnosis.causes import own_cause
-from coaxlink.residual.diagnosis.channels import LOADS
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, key_of
 from coaxlink.residual.diagnosis.screening import Stack
 from coaxlink.residual.members import Member
@@ -28,7 +26,6 @@ LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
 FAR = 30.0  # nats below the best: not worth another look
 # what must act where its recorded cause moves: loads go with the air's density (blade element theory)
 DUE = frozenset({"air_density"})
-CONFOUNDED = 0.5  # of what an effect explains: less is no rival before its shape has moved
 
 
 @dataclass
@@ -42,10 +39,6 @@ class Visited:
         old = self.by_key.get(h.key)
         if old is None or h.score > old.score:
             self.by_key[h.key] = h
-
-    def best_of(self, names: frozenset[str]) -> Hypothesis | None:
-        """Of all places."""
-        return max((h for h in self.by_key.values() if h.names == names), key=lambda h: h.score, default=None)
 
     @property
     def best(self) -> Hypothesis:
@@ -77,8 +70,7 @@ class Search:
         self.candidates = candidates(scorer)
         self.grid = Stack([(c.white, c.deviation) for c in self.candidates])
         self.forms = tuple(self.channels.forms)
-        self.free_pieces = [(w, b.deviation) for b, w in map(scorer.form, self.forms)]
-        self.free = Stack(self.free_pieces)
+        self.free = Stack([(w, b.deviation) for b, w in map(scorer.form, self.forms)])
 
     def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
         """From nothing, and from given members, until nothing better comes."""
@@ -130,50 +122,6 @@ class Search:
             without = self._try(h.members, forms, h, anew=False)
             for effect, candidate in self.screened(without)[:NAMED]:
                 self._grown(without, effect, candidate)
-
-    def rivals(self) -> None:
-        """Each effect of the best set in turn given up for every other one that could be confounded with it.
-
-        The search climbs, and does not look back: what it would have found from another first step is looked
-        for here, so that two names for the same rows are both weighed.
-        """
-        best = self.visited.best
-        for m in best.members:
-            others = [o for o in best.members if o is not m]
-            without = self._try(others, best.forms, best, anew=False)
-            worth = best.fit.log_evidence - without.fit.log_evidence
-            for form in self._over_its_cause(best, m, without):
-                self._try(others, [*best.forms, form], without)
-            for effect, candidate, gain in self._promising(without):
-                had = self.visited.best_of(without.names | {effect.name})
-                if had is not None:  # its shape has moved already
-                    gain = max(gain, had.fit.log_evidence - without.fit.log_evidence)
-                if effect.name != m.name and gain > CONFOUNDED * worth:
-                    new = self._try([*others, self.started(without, candidate)], best.forms, without)
-                    for rival in (new, had):
-                        if rival is not None and rival.score > best.score - 2.0 * worth:
-                            self._other_forms(rival, effect.name)
-
-    def _over_its_cause(self, h: Hypothesis, m: Member, without: Hypothesis) -> list[str]:
-        """The free form of every load over a member's own variable that fits best in its place; [] where
-        there is none.
-        """
-        mine = [
-            k
-            for k, f in enumerate(self.forms)
-            if f.split("|")[1] == LOADS and own_cause(self.channels, h, m.name, f)
-        ]
-        if not mine:
-            return []
-        gains = self._gains(without, Stack([self.free_pieces[k] for k in mine]))
-        return [self.forms[mine[int(np.argmax(gains))]]]
-
-    def _other_forms(self, h: Hypothesis, name: str) -> None:
-        """Every form of a member."""
-        k, m = next((k, m) for k, m in enumerate(h.members) if m.name == name)
-        for shape, coefficients in m.effect.variants(self.channels.bare, m.shape, m.coefficients):
-            other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
-            self._try([other if i == k else o for i, o in enumerate(h.members)], h.forms, h)
 
     def _try(
         self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis, *, anew: bool = True

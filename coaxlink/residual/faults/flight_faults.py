@@ -41,13 +41,12 @@ from coaxlink.residual.faults.kinematics import (
     noise_of,
     step_of,
 )
-from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine
-from coaxlink.residual.faults.states import WHOLE, Mask, runs_of
+from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine, limits_of
+from coaxlink.residual.faults.states import WHOLE, Finding, Mask, runs_of
 from coaxlink.residual.faults.yardstick import BEGINS, SURE, nats_of
 from coaxlink.residual.result import Suspect
 from coaxlink.signals import low_pass
 
-Finding = tuple[str, Mask, str]  # column, rows, why
 # priors: name = value  # unit, source
 STUCK_S = 0.5  # less is a packet that was lost
 WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
@@ -83,6 +82,10 @@ def column_faults(log: Samples) -> list[Finding]:
         if stuck.any():
             told = "the gyros tell that the vehicle turns" if name in ANGLES else "the vehicle flies"
             found.append((name, stuck, f"one reading repeats exactly while {told}"))
+    for name in [name for name in IMU_COLUMNS if _is_fine(log, name)]:
+        for limit, _ in limits_of(log[name]):
+            why = f"it reads no further than {limit:.3g}, again and again: the sensor is at its limit"
+            found.append((name, log[name] == limit, why))
     gone = np.logical_or.reduce([copied, *(rows for _, rows, _ in found)])
     if len(kin.first) >= LEAST_WINDOWS:
         found += _Judged.of(kin, ~kin.touches(gone)).chained(log.rows)
@@ -139,9 +142,8 @@ class _Judged:
         found = list(self._states())
         left = [self.linear.left(misses, noise_of(misses[usable])) for *_, misses in found]
         sigma = np.min([noise_of(x[usable]) for x in (self.sound, *left)], axis=0)
-        best = min((self.sound, *left), key=lambda x: float(np.sum(nats_of(x[usable] / sigma))))
-        share = independent(best[usable] / sigma)
         against = nats_of(self.sound / sigma)
+        share = independent(self._best_pieced(left, against, sigma)[usable] / sigma)
         won = np.stack([(against - nats_of(x / sigma)) @ share for x in left], axis=1)
         won[~usable] = 0.0
 
@@ -158,6 +160,17 @@ class _Judged:
                 for a, b in runs_of(mine):
                     at[self.kin.first[a] : self.kin.first[b - 1] + self.kin.size] = True
             yield found[k][0], at, found[k][1]
+
+    def _best_pieced(self, left: list[Array], against: Array, sigma: Array) -> Array:
+        """(windows, 7) misses as labelled, or of one state where that is nearer: it may begin on the way, and
+        what a step leaves is no memory of noise."""
+        best, least = self.sound, float(np.sum(against[self.linear.usable]))
+        for misses in left:
+            nearer = np.sum(nats_of(misses / sigma) - against, axis=1) < 0.0
+            pieced = np.where(nearer[:, None], misses, self.sound)
+            cost = float(np.sum(nats_of(pieced[self.linear.usable] / sigma)))
+            best, least = (pieced, cost) if cost < least else (best, least)
+        return best
 
     def _states(self) -> Iterator[tuple[str, str, Array]]:
         """Ways in which columns may lie: their names, in words, the misses (windows, 7) without it."""

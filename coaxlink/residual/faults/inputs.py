@@ -18,9 +18,10 @@ from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.data.samples import Samples
 from coaxlink.residual.channels.flight import NEEDED
 from coaxlink.residual.faults.commands import command_faults
-from coaxlink.residual.faults.flight_faults import Finding, column_faults, motors_too_many
+from coaxlink.residual.faults.flight_faults import column_faults, motors_too_many
 from coaxlink.residual.faults.kinematics import HEIGHT
 from coaxlink.residual.faults.stand_faults import rows_text
+from coaxlink.residual.faults.states import Finding
 from coaxlink.residual.result import Suspect
 
 DROPPED = (HEIGHT, "voltage_V")  # a flight can be judged without them

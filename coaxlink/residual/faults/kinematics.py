@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import Samples
 from coaxlink.frames import GRAVITY_NED, Array
@@ -229,9 +230,15 @@ def linear_of(log: Kinematics, usable: Mask) -> Linear:
 
 
 def noise_of(misses: Array) -> Array:
-    """(7,) what misses (windows, 7) scatter by, outliers aside; at least what sound ones do."""
-    spread = 1.4826 * np.median(np.abs(misses - np.median(misses, axis=0)), axis=0)
-    return np.asarray(np.maximum(spread, FINEST))
+    """(7,) what misses (windows, 7) scatter by, outliers aside; at least what sound ones do.
+
+    About their median, or from one window to the next where that is less: a column that is off from the
+    middle of a flight on has two medians.
+    """
+    about = np.median(np.abs(misses - np.median(misses, axis=0)), axis=0)
+    if len(misses) > 1:
+        about = np.minimum(about, np.median(np.abs(np.diff(misses, axis=0)), axis=0) / np.sqrt(2.0))
+    return np.asarray(np.maximum(SIGMA_PER_MAD * about, FINEST))
 
 
 def independent(misses: Array) -> Array:

@@ -27,7 +27,6 @@ from coaxlink.residual.result import Suspect
 
 LEAST_LEFT = 8  # rows
 MOST_FROZEN = 0.5  # of the rows
-RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
 ARM, USUAL_ARM = (0.002, 0.5), 0.03  # m: torque over thrust of any rotor between a hand's width and 4 m
 
 
@@ -81,7 +80,7 @@ class _Finding:
 def find_suspects(frame: StandFrame) -> FlaggedColumns:
     """All that contradicts its label in a log."""
     found = _Finding(frame, [], np.zeros(len(frame.time_s), bool), [])
-    for column, rows, why in (*_set_back(frame), *stuck_cells(frame), *stuck_tachometers(frame)):
+    for column, rows, why in (*stuck_cells(frame), *stuck_tachometers(frame)):
         found.rows(column, rows, why)
     repeated = repeated_rows(frame) & ~found.bad
     if repeated.any():
@@ -103,21 +102,6 @@ def find_suspects(frame: StandFrame) -> FlaggedColumns:
             else:
                 found.throughout(name, why, name)
     return FlaggedColumns(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
-
-
-def _set_back(frame: StandFrame) -> Iterator[tuple[str, Mask, str]]:
-    """Rows whose stamp is before one that stands above them: a clock set back, blocks in the wrong order."""
-    time = frame.context("time_s")
-    if time is None or len(time) < 2:
-        return
-    step = float(np.median(np.abs(np.diff(time))))
-    # a session of its own begins where the first one did
-    anew = np.concatenate([[True], (np.diff(time) < 0.0) & (time[1:] <= time[0] + RESTART_ROWS * step)])
-    rows = np.zeros(len(time), bool)
-    for run in np.split(np.arange(len(time)), np.flatnonzero(anew)[1:]):
-        rows[run] = time[run] < np.maximum.accumulate(time[run])
-    if rows.any():
-        yield "time_s", rows, "time goes back: what follows from one row to the next is not known here"
 
 
 def _odd_arms(frame: StandFrame, usable: Mask) -> Iterator[tuple[list[str], str]]:

@@ -24,6 +24,7 @@ from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF
 
 Mask = NDArray[np.bool_]
+Finding = tuple[str, Mask, str]  # column, rows, why
 WHOLE = 0.9  # of the rows: more than this is the whole log
 GAIN_ERROR, UNIT_ERROR = 0.02, 0.05  # of a factor that is known: half a bridge, another gain; another unit
 RATIOS = (2.0, 0.5, 1.5, 2.0 / 3.0, 3.0, 1.0 / 3.0)  # of pulses counted to pulses due: poles, marks, edges

@@ -75,6 +75,17 @@ def lift_share(frame: FlightFrame, corrections: Mapping[str, float]) -> float:
     return float(level @ lift / max(float(lift.sum()), 1e-9)) + bias
 
 
+def lift_room(frame: FlightFrame) -> float:
+    """What a rotor model may miss of the lift, a share of it.
+
+    LEVEL, and two deviations of what the model left of its own stand log.
+    """
+    missed = [size for load, size in frame.model.missed.items() if load.unit == "N"]
+    lift = float(np.median(frame.thrust[frame.keep].sum(axis=1)))
+    pairs = max(len(frame.airframe.pairs), 1)
+    return float(np.hypot(LEVEL, 2.0 * pairs * float(np.linalg.norm(missed)) / max(lift, 1e-9)))
+
+
 def _moving(frame: FlightFrame, loads: Array) -> Array:
     """(rows, 3) moments without what is slower than SLOW_HZ: I dw/dt has no mean, over no few seconds."""
     return np.asarray(loads[:, 3:] - low_pass(loads[:, 3:], frame.rate_hz, SLOW_HZ))

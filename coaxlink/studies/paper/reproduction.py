@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coaxlink import _interrupts
 from coaxlink.studies.flight import Tell, silent
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ def _fly(tell: Tell) -> dict[str, MixerErrors]:
         "fitted table": ("fitted", "paper"),
     }
     errors = {}
+    _interrupts.begin()
     with tempfile.TemporaryDirectory() as name:
         out = Path(name)
         reports, folders = {}, {}

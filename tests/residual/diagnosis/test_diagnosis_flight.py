@@ -83,6 +83,33 @@ def test_a_gust_is_no_path_in_time_but_what_goes_with_a_velocity_is_told():
     assert found.nats > 20.0 and found.shown.names == {"vel_x_body_m_s|load"}
 
 
+def strains_of(moment):
+    """Of a flight with a constant moment, whose four rotors may each differ by 0.15 % of their thrust."""
+    arms = (300.0, -300.0, 280.0, -280.0)  # N m of a whole thrust
+    shares = tuple(
+        Block(f"rotor{k}_thrust_share", np.full((ROWS, 1, 1), arm), np.array([0.0015]))
+        for k, arm in enumerate(arms, start=1)
+    )
+    noise = np.random.default_rng(7).normal(0.0, 0.5, ROWS)
+    ch = replace(channels(moment + noise, np.ones(ROWS)), nuisance=shares)
+    empty = Scorer(ch, white(1)).empty
+    return Left(SimpleNamespace(channels=ch), empty).strains(empty)
+
+
+def test_rotors_that_differ_as_their_kind_does_are_strained_as_seldom_as_chance_has_it():
+    drawn = np.random.default_rng(8).normal(0.0, 0.0015, (400, 4)) @ [300.0, -300.0, 280.0, -280.0]
+    often = sum(any(s.nats > 0.0 for s in strains_of(moment)) for moment in drawn)
+    assert 0 < often < 12  # one in fifty of two kinds, of which one is there: four
+
+
+def test_a_constant_moment_that_no_rotor_would_make_by_itself_strains_all_of_them():
+    (found,) = strains_of(5.0)  # of a spread of 0.87
+    assert found.nats > 12.0 and found.channel == "load" and found.motor in ("motor1", "motor2")
+    assert abs(found.share) < 4.0 * found.believed  # each is believable
+    assert found.size == pytest.approx(0.05, rel=0.05)
+    assert strains_of(0.1) == ()  # 0.1 % of the load is no pilot's concern
+
+
 def test_one_name_at_two_rotors_is_two_sets():
     weak = effect("degraded_rotor").flight
     third, fourth = (Member(weak, {"rotor": r, "thrust_loss": 1.0}, np.array([0.1]), ()) for r in (3.0, 4.0))

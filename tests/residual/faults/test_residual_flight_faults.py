@@ -56,6 +56,16 @@ def test_another_scale_for_a_while_has_its_rows(clean):
     assert column == "accel_z_m_s2" and "times" in why and np.mean(rows == late) > 0.95
 
 
+def test_another_scale_from_the_middle_on_is_no_noise(clean):
+    """Half of a flight is off: neither half is an outlier of the other."""
+    time = clean["time_s"]
+    for share in (0.45, 0.5, 0.55):
+        late = time > time[0] + share * (time[-1] - time[0])
+        harmed = clean | {"accel_z_m_s2": np.where(late, 0.83, 1.0) * clean["accel_z_m_s2"]}
+        found = column_faults(Samples(harmed, "fault"))
+        assert [column for column, *_ in found] == ["accel_z_m_s2"], share
+
+
 def test_what_the_yardstick_misses_a_little_adds_up_to_no_fault_however_long_the_flight(clean, monkeypatch):
     kin = kinematics_of(Samples(clean, "long"))
     long = replace(kin, first=np.tile(kin.first, 60))
@@ -245,6 +255,17 @@ def test_a_stuck_axis_is_named_with_its_rows(clean):
     answer = ask(clean | {"accel_z_m_s2": values})
     assert [(s.column, s.rows) for s in answer.suspect_data] == [("accel_z_m_s2", "1201-1300")]
     assert answer.effects == ()
+
+
+def test_an_accelerometer_at_its_limit_is_named_with_its_rows_and_the_rest_is_judged(clean):
+    read = clean["accel_x_m_s2"]
+    limit = np.quantile(read, 0.8)
+    harmed = clean | {"accel_x_m_s2": np.minimum(read, limit)}
+    ((column, rows, why),) = column_faults(Samples(harmed, "fault"))
+    assert column == "accel_x_m_s2" and "at its limit" in why
+    assert np.array_equal(rows, read >= limit)
+    coarse = clean | {"accel_x_m_s2": np.round(np.minimum(read, limit), 1)}
+    assert all("limit" not in why for _, _, why in column_faults(Samples(coarse, "fault")))
 
 
 def test_a_repeated_stretch_is_named(clean):

@@ -102,16 +102,6 @@ def test_a_rotor_that_is_held_while_the_other_moves_may_read_one_number() -> Non
     assert find_suspects(stand_frame(held, None)).suspects == ()
 
 
-def test_a_clock_set_back_is_flagged_and_a_session_that_starts_anew_is_not() -> None:
-    log = bench(9, from_s=0.0, to_s=0.0)
-    time = log["time_s"]
-    late = np.arange(log.rows) >= 600
-    back = find_suspects(stand_frame(log.with_columns(time_s=time - 10.0 * late), None))
-    assert [(s.column, s.rows) for s in back.suspects] == [("time_s", "601-699")]
-    anew = find_suspects(stand_frame(log.with_columns(time_s=time - 60.0 * late), None))
-    assert anew.suspects == ()
-
-
 def walked(seed: int) -> Samples:
     """A walk of both speeds, the lower one's pulses counted twice in a band: loads four times too small."""
     random = np.random.default_rng(seed)

@@ -1,0 +1,72 @@
+"""What the other commands of a mixer make of one: four demands move all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coaxlink.constants import SIGMA_PER_MAD
+from coaxlink.frames import Array
+from coaxlink.residual.faults.repeats import held_runs
+from coaxlink.residual.faults.states import Mask
+from coaxlink.residual.faults.yardstick import nats_of
+
+# priors: name = value  # unit, source
+DEMANDS = 4  # thrust and three torques
+LEAST_ROWS = 100  # for the fifteen numbers of a fit, judgement
+FIT_ROWS = 4000  # effort
+OUTLIER = 3.0  # standard deviations: less is noise
+FEWEST = 1e-4  # of full command: what a mixer's own arithmetic leaves
+
+
+def design_of(others: Array, usable: Mask) -> Array:
+    """(rows, K) what the demands behind some commands (rows, M) may do to another: to second order, since
+    a command is no linear function of a thrust."""
+    rows = np.flatnonzero(usable)
+    rows = rows[:: max(1, len(rows) // FIT_ROWS)]
+    middle = others[rows].mean(axis=0)
+    _, size, axes = np.linalg.svd(others[rows] - middle, full_matrices=False)
+    keep = size[:DEMANDS] > FEWEST * np.sqrt(len(rows))
+    z = (others - middle) @ axes[:DEMANDS][keep].T / (size[:DEMANDS][keep] / np.sqrt(len(rows)))
+    z = np.nan_to_num(z)
+    first, second = np.triu_indices(z.shape[1])
+    return np.concatenate([np.ones((len(z), 1)), z, z[:, first] * z[:, second]], axis=1)
+
+
+def away(values: Array, design: Array, usable: Mask, run: slice, step: float) -> float:
+    """Nats against a run of a column, of this resolution, being what a fit to the other rows makes of it.
+
+    None where that moves no further than a reading that stands still for its resolution may be off.
+    """
+    rows = np.flatnonzero(usable & np.isfinite(values))
+    if len(rows) < LEAST_ROWS:
+        return 0.0
+    every = max(1, len(rows) // FIT_ROWS)
+    rows = rows[::every]
+    fit = np.linalg.lstsq(design[rows], values[rows], rcond=None)[0]
+    rest = values[rows] - design[rows] @ fit
+    sigma = max(SIGMA_PER_MAD * float(np.median(np.abs(rest))), FEWEST)
+    due = design[run] @ fit
+    if np.ptp(due) < step + 2.0 * OUTLIER * sigma:
+        return 0.0
+    inside = values[run] - due
+    inside = inside[np.isfinite(inside)]
+    usual = float(np.mean(nats_of(rest / sigma)))
+    against = float(np.sum(nats_of(inside / sigma) - usual))
+    return against * independent_share(rest, every)
+
+
+def independent_share(rest: Array, every: int = 1) -> float:
+    """How many independent rows one row counts as, of which each of so many is given."""
+    x = rest - rest.mean()
+    memory = float(np.clip(np.sum(x[1:] * x[:-1]) / max(float(np.sum(x**2)), 1e-30), 0.0, 0.99))
+    memory **= 1.0 / every
+    return (1.0 - memory) / (1.0 + memory)
+
+
+def held_in_flight(values: Array, flying: Mask) -> Mask:
+    """(rows,) runs of one value that are no accident, in the air; rows without a value are passed over."""
+    out = np.zeros(len(values), bool)
+    known = np.flatnonzero(np.isfinite(values) & flying)
+    for a, b in held_runs(values[known]) if len(known) else ():
+        out[known[a] : known[b - 1] + 1] = True
+    return out
