@@ -122,14 +122,16 @@ def level_not_mass(frame: FlightFrame, s: Scales, mass_kg: float) -> Ambiguous |
 def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
     """Share that a flight lifts more than model and declared mass say, beside all that acts but this mass."""
     measured, predicted = (float(np.median(f[acting.keep, 2])) for f in (acting.measured, acting.predicted))
-    return measured / predicted - 1.0 + acting.airframe.mass_kg / mass_kg - 1.0
+    return measured / predicted * acting.airframe.mass_kg / mass_kg - 1.0
 
 
 def own_doubt(frame: FlightFrame) -> float:
     """Share of the lift by which a rotor model may be off in hover: by its held-out error."""
-    errors = frame.model.identified.get("errors", {}).get("coaxial_thrust", {})
-    pairs = max(len(frame.airframe.pairs), 1)
-    return max(DOUBTFUL_LIFT, SURE * float(errors.get("rmse", 0.0)) * pairs / frame.weight)
+    try:
+        rmse_N = float(frame.model.identified["errors"]["coaxial_thrust"]["rmse"])
+    except (KeyError, TypeError, ValueError):  # of no stand, or written by hand
+        rmse_N = 0.0
+    return max(DOUBTFUL_LIFT, SURE * rmse_N * max(len(frame.airframe.pairs), 1) / frame.weight)
 
 
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:
