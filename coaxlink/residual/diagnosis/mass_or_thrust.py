@@ -36,12 +36,12 @@ class Scales:
     lift: float
     torque: Array
     sigma: Array
-    room: float  # what the stand may miss of the lift
+    doubt: float  # share of the lift by which the rotor model may be off in hover
 
     @property
     def verdict(self) -> str:
         """mass, level, or open."""
-        if abs(self.lift) < DOUBTFUL_LIFT * self.room:
+        if abs(self.lift) < self.doubt:
             return "none"
         reach = SURE * self.sigma
         room = LIKE * abs(self.lift)
@@ -74,7 +74,7 @@ def scales(
     for k in range(2):
         columns = np.stack([predicted[:, k], slope[:, k], np.ones(len(left))], axis=1)
         torque[k], sigma[k] = _first(columns, left[:, k], block)
-    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD), lift_room(acting))
+    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD), own_doubt(acting))
 
 
 def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
@@ -126,12 +126,8 @@ def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
 
 
 def own_doubt(frame: FlightFrame) -> float:
-    """Share of the lift by which a rotor model may be off in hover: by its held-out error."""
-    try:
-        rmse_N = float(frame.model.identified["errors"]["coaxial_thrust"]["rmse"])
-    except (KeyError, TypeError, ValueError):  # of no stand, or written by hand
-        rmse_N = 0.0
-    return max(DOUBTFUL_LIFT, SURE * rmse_N * max(len(frame.airframe.pairs), 1) / frame.weight)
+    """Share of the lift by which a rotor model may be off in hover."""
+    return DOUBTFUL_LIFT * lift_room(frame)
 
 
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:

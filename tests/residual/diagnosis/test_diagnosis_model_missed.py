@@ -25,6 +25,8 @@ def test_what_a_model_missed_is_its_held_out_error_beyond_the_noise(paper):
     model = replace(paper, identified={"errors": errors, "noise_floor": floors})
     assert model.missed == pytest.approx({Load(0): 0.4, Load(2): 0.5})
     assert paper.missed == {}
+    by_hand = {"errors": {channels[0]: "small", channels[1]: {"rmse": -1.0}}, "noise_floor": 3}
+    assert replace(paper, identified=by_hand).missed == {}
 
 
 def bent(paper, size_N: float, period: float):
