@@ -27,11 +27,11 @@ from coaxlink.residual.diagnosis.flight_forms import TIME, Left
 from coaxlink.residual.diagnosis.flight_search import Flown, searched
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 from coaxlink.residual.diagnosis.mass_or_thrust import (
+    DOUBTFUL_LIFT,
     MASS,
     doubt,
     level_not_mass,
     lift_beside,
-    own_doubt,
     scales,
 )
 from coaxlink.residual.diagnosis.report import Fitted, fitted_about
@@ -40,6 +40,7 @@ from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.faults.flight_faults import rotor_faults
 from coaxlink.residual.faults.inputs import Inputs
 from coaxlink.residual.members import Member
+from coaxlink.residual.nuisance.flight_corrections import lift_room
 from coaxlink.residual.result import AT, Ambiguous, Refinement, Unexplained
 
 Progress = Callable[[str], None]
@@ -155,8 +156,8 @@ def _lifts_as_declared(fitted: Fitted, said: Decision) -> bool:
     """Where a mass is claimed that was there from the start, and the vehicle lifts what it should, as far as
     its rotor model says: the mass only makes up for corrections of the thrust that say the contrary.
     """
-    mass_kg = _mass_from_the_start(fitted, said)
-    return mass_kg is not None and abs(lift_beside(fitted.acting, mass_kg)) < own_doubt(fitted.acting)
+    mass_kg, acting = _mass_from_the_start(fitted, said), fitted.acting
+    return mass_kg is not None and abs(lift_beside(acting, mass_kg)) < DOUBTFUL_LIFT * lift_room(acting)
 
 
 def _mass_from_the_start(fitted: Fitted, said: Decision) -> float | None:

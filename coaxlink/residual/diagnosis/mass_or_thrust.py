@@ -125,15 +125,6 @@ def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
     return measured / predicted * acting.airframe.mass_kg / mass_kg - 1.0
 
 
-def own_doubt(frame: FlightFrame) -> float:
-    """Share of the lift by which a rotor model may be off in hover: by its held-out error."""
-    try:
-        rmse_N = float(frame.model.identified["errors"]["coaxial_thrust"]["rmse"])
-    except (KeyError, TypeError, ValueError):  # of no stand, or written by hand
-        rmse_N = 0.0
-    return max(DOUBTFUL_LIFT, SURE * rmse_N * max(len(frame.airframe.pairs), 1) / frame.weight)
-
-
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:
     """The doubt about a lift that is off by this share."""
     mass, way = frame.airframe.mass_kg, "more" if lift > 0 else "less"
