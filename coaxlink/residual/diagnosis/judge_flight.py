@@ -155,8 +155,8 @@ def _lifts_as_declared(fitted: Fitted, said: Decision) -> bool:
     """Where a mass is claimed that was there from the start, and the vehicle lifts what it should, as far as
     its rotor model says: the mass only makes up for corrections of the thrust that say the contrary.
     """
-    mass_kg = _mass_from_the_start(fitted, said)
-    return mass_kg is not None and abs(lift_beside(fitted.acting, mass_kg)) < own_doubt(fitted.acting)
+    mass_kg, acting = _mass_from_the_start(fitted, said), fitted.acting
+    return mass_kg is not None and abs(lift_beside(acting, mass_kg)) < own_doubt(acting)
 
 
 def _mass_from_the_start(fitted: Fitted, said: Decision) -> float | None:
