@@ -51,8 +51,8 @@ def conditions(samples: Samples, most: int = MOST) -> Samples:
         return samples
     parts = ("on the way between them", int(size[~kept].sum())), ("at rest", int(size[rest].sum()))
     left = " and ".join(f"{count} {what}" for what, count in parts if count)
-    said = f"{samples.rows} rows as {means.rows} steady stretches{f', {left} apart' if left else ''}"
-    return thinned(means.with_notes(said), most)
+    note = f"{samples.rows} rows as {means.rows} steady stretches{f', {left} apart' if left else ''}"
+    return thinned(means.with_notes(note), most)
 
 
 def _speeds(samples: Samples) -> NDArray[np.float64]:

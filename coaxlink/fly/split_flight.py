@@ -17,6 +17,7 @@ from coaxlink.fly.flight import OverLimit
 from coaxlink.fly.split_plan import PowerRecord, SplitPlan, hearing
 from coaxlink.live.bridge import BridgeEnd
 from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.module_end import ModuleEnd
 from coaxlink.live.paths import own_curve
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
@@ -78,6 +79,11 @@ class SplitFlight:
                 yield
         finally:
             sys.setswitchinterval(switch)
+
+    @property
+    def by_module(self) -> bool:
+        """Whether PX4's module has the motors, so that no table acts."""
+        return isinstance(self.mixer.bridge, ModuleEnd)
 
     def watch(self, t: float) -> None:
         """Move the split to where it is at `t` s of the plan. Raises OverLimit where the mixer gave up."""

@@ -61,6 +61,18 @@ class PairLoads:
         return np.asarray(getattr(self, load.channel))
 
 
+def _errors_of(load: Load) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    return ("errors", load.channel, "rmse"), ("noise_floor", load.channel)
+
+
+def _number(table: Any, *keys: str) -> float:
+    """What stands there, 0 where none does: of an identification a file by hand may say anything."""
+    for key in keys:
+        table = table.get(key) if isinstance(table, Mapping) else None
+    known = isinstance(table, (int, float)) and np.isfinite(table) and table > 0.0
+    return float(table) if known else 0.0
+
+
 @dataclass(frozen=True)
 class RotorModel(Shown):
     """One coaxial pair: four polynomials over speeds, what commands turn, and where they come from."""
@@ -101,11 +113,11 @@ class RotorModel(Shown):
 
         Without the loads of which the file says nothing, or no more than noise.
         """
-        floors, out = self.identified.get("noise_floor", {}), {}
+        out = {}
         for load in Load:
-            error = self.identified.get("errors", {}).get(load.channel, {}).get("rmse", 0.0)
-            if (left := error**2 - floors.get(load.channel, 0.0) ** 2) > 0.0:
-                out[load] = float(np.sqrt(left))
+            error, floor = (_number(self.identified, *keys) for keys in _errors_of(load))
+            if error > floor:
+                out[load] = float(np.sqrt(error**2 - floor**2))
         return out
 
     def predict(self, u: ArrayLike) -> NDArray[np.float64]:

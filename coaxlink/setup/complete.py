@@ -140,11 +140,11 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
             continue
         a, b = stack
         known = _known_level(layout.mounts[a], layout.mounts[b])
-        said = {n: n + 1 in upper for n in stack}
-        if upper and said[a] == said[b]:
-            both = "both" if said[a] else "neither"
+        above = {n: n + 1 in upper for n in stack}
+        if upper and above[a] == above[b]:
+            both = "both" if above[a] else "neither"
             raise InputError("`upper`", "", f"one of pair {a + 1}/{b + 1} is expected, {both} stands there")
-        stated = None if not upper else ("upper" if said[a] else "lower")
+        stated = None if not upper else ("upper" if above[a] else "lower")
         if known and stated and known != stated:
             top = (a if known == "upper" else b) + 1
             raise InputError("`upper`", "", f"{layout.source} has rotor {top} on top of its pair")

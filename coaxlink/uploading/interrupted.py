@@ -42,12 +42,12 @@ def what_stands(board: Board, old: Content, new: Content) -> Standing:
     changed = new.differs_from(old)
     held: dict[str, list[str]] = {"new": [], "old": [], "other": [], "unknown": []}
     try:
-        found, said = board.parameters.read_many(changed.values, missing_ok=True), True
+        found, answered = board.parameters.read_many(changed.values, missing_ok=True), True
     except LinkError:
-        found, said = {}, False
+        found, answered = {}, False
     for name, value in changed.values.items():
         before, now = old.values.get(name), found.get(name)
-        if now is None and not said:
+        if now is None and not answered:
             is_ = "unknown"
         elif now is None:
             is_ = "other" if before else "old"  # a loader's parameter that is not there yet

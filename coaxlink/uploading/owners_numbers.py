@@ -33,7 +33,7 @@ def for_board(
     params: Mapping[str, Number], board: Mapping[str, Number], *, spin_from_table: bool = False
 ) -> ForBoard:
     """`params` of a table without what the owner of `board` tuned, its curve made for his spin range."""
-    made, said = dict(params), []
+    made, remarks = dict(params), []
     if not spin_from_table and all(n in board and n in params for n in SPIN):
         his, its = ([float(p[n]) for n in SPIN] for p in (board, params))
         if any(abs(a - b) > _SAME for a, b in zip(his, its, strict=True)):
@@ -45,7 +45,7 @@ def for_board(
             )
             curve = ", ".join(f"{n} {params[n]:.4g} -> {made[n]:.4g}" for n in changed)
             made_for = f"; the table's curve is made for them: {curve}" if curve else ""
-            said.append(
+            remarks.append(
                 f"stays as the board has it: {numbers}{made_for}; `spin_from_table` takes the table's"
             )
     outputs = [n for n in params if n.startswith("SERVO") and n.endswith("_FUNCTION")]
@@ -54,8 +54,8 @@ def for_board(
         for name in outputs:
             del made[name]
         if moved:
-            said.append(f"the board's motor outputs stay: {', '.join(f'{n} {board[n]:g}' for n in moved)}")
-    return ForBoard(made, tuple(said))
+            remarks.append(f"the board's motor outputs stay: {', '.join(f'{n} {board[n]:g}' for n in moved)}")
+    return ForBoard(made, tuple(remarks))
 
 
 def _drives_all(params: Mapping[str, Number], board: Mapping[str, Number]) -> bool:

@@ -146,7 +146,7 @@ def test_refusals_come_before_arming(capsys, tmp_path) -> None:
     flight = Flight(airborne=False)
     flight.autopilot.store.write("THR_MDL_FAC", 9, 0.0)
     code, _, err, _ = fly(flight, capsys, tmp_path)
-    assert code == 4 and "THR_MDL_FAC" in err
+    assert code == 4 and "THR_MDL_FAC" in err and "--tables" in err
     flight.autopilot.store.write("THR_MDL_FAC", 9, 1.0)
     code, _, err, _ = fly(flight, capsys, tmp_path, "--minutes", "1")
     assert code == 2 and "4.2 at least" in err

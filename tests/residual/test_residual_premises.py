@@ -100,7 +100,7 @@ def test_a_mass_whose_torques_are_off_with_the_lift_is_a_doubt():
     heavier, sigma = X8.mass_kg * 1.05, np.full(2, 0.002)
 
     def doubt(torque, sigma=sigma):
-        return level_not_mass(frame, Scales(0.0, np.full(2, torque), sigma, 0.03), heavier)
+        return level_not_mass(frame, Scales(0.0, np.full(2, torque), sigma, 0.022), heavier)
 
     assert doubt(-0.05).names == ("mass_change", "thrust_level", "battery_voltage")
     assert doubt(0.0) is None and doubt(0.05) is None  # a mass turns nothing

@@ -109,6 +109,20 @@ def test_the_same_world_gives_the_same_flight_and_log(design) -> None:
     assert all(np.array_equal(log[name], same[name]) for name in log)
 
 
+def test_rows_of_every_phase_show_the_same_commands(design) -> None:
+    """Loops that take unequal turns for equal ones drum: every second row would show more torque than its
+    neighbours, by as much as the vehicle turns."""
+    _, log = fly_quick(design, FlightWorld((), 3, "wander", 20.0, 2.0), log_every=1)
+    assert np.ptp(np.diff(log["time_s"])) < 1e-9
+    front = read_vehicle(AIRFRAME).position_m[:, 0]
+    pitch = np.stack([log[f"motor{n}"] for n in range(1, len(front) + 1)], axis=1) @ front
+    size = len(pitch) // 80 * 80
+    slow = pitch[:size].reshape(-1, 20, 4).mean(axis=1)  # 0.2 s of each phase
+    slow -= slow.mean(axis=0)
+    slopes = [np.polyfit(slow.mean(axis=1), phase, 1)[0] for phase in slow.T]
+    assert np.allclose(slopes, 1.0, atol=0.03)
+
+
 def test_a_vehicle_that_falls_says_so_and_ends(design) -> None:
     world = FlightWorld(
         (HiddenEffect("degraded_rotor", 1.0, 5.0, {"rotor": 2.0}), HiddenEffect("mass_change", 12.0)),

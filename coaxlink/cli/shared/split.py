@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli.shared.shell import console, say
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.fly.split_answer import Dwells, SplitAnswer
@@ -67,7 +67,12 @@ class Split:
         if self._tables:
             self._prepare_table(session)
             return
-        flight = SplitFlight(session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells)
+        try:
+            flight = SplitFlight(
+                session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells
+            )
+        except SafetyRefusal as error:
+            raise SafetyRefusal(f"{error}; or two tables in turn, with --tables") from error
         flight.record.earlier = self._earlier
         say(flight.plan.words())
         say("at its end, a limit or your mode change the companion is silent: the split on board flies again")
@@ -118,6 +123,7 @@ class Split:
     def tell(self, out: Path) -> None:
         """The answer, its picture, and what to do next. Raises CheckFailed where there is none."""
         from coaxlink.errors import CheckFailed
+        from coaxlink.fly.split_flight import SplitFlight
         from coaxlink.fly.table_flights import TablesAnswer
         from coaxlink.report.pictures.figures import write_figure
         from coaxlink.report.split import split_figure
@@ -132,6 +138,7 @@ class Split:
         if isinstance(answer, TablesAnswer):
             self._tell_tables(answer)
             return
+        assert isinstance(self._flight, SplitFlight)
         console().print(answer.words(), soft_wrap=True)
         say(
             "it rests on BATTERY_STATUS: a current sensor scaled wrong changes the watts, not the share "
@@ -144,7 +151,11 @@ class Split:
             say("next: nothing to upload, the split on board may stay")
             return
         self._say_table(answer.share)
-        if answer.at_edge:
+        if self._flight.by_module:
+            say(
+                "the module on board flies a law of its own: coaxlink bridge --connect URL --back comes first"
+            )
+        elif answer.at_edge:
             say("then this plan once more, with that table on board: it begins at its split")
 
     def _say_table(self, share: float) -> None:
@@ -167,7 +178,9 @@ class Split:
         from coaxlink.fly.table_flights import counted
 
         first, second = counted(self._flown())
-        console().print(f"{first} flights with the first table, {second} with another; two of each answer")
+        console().print(
+            f"flights so far: {first} with the first table, {second} with another; two of each answer"
+        )
         if not second:
             say(f"next: coaxlink table {self._airframe} --firmware px4|ardupilot --law fitted --out tables")
             say("then: coaxlink upload tables --connect URL, a fresh pack, and again, this flight in --after")

@@ -72,25 +72,25 @@ def finding_json(finding: Finding) -> dict[str, str]:
     return {key: getattr(finding, key) for key in ("id", "severity", "text", "evidence")}
 
 
-def show(frame: Airframe, report: TableReport | ApReport, said: Sequence[str]) -> None:
-    """The mix that the firmware will make, in words and columns; `said` goes before it: the table's price,
+def show(frame: Airframe, report: TableReport | ApReport, lead: Sequence[str]) -> None:
+    """The mix that the firmware will make, in words and columns; `lead` goes before it: the table's price,
     and what becomes of the loops."""
     from coaxlink.tables.px4 import TableReport
 
     if isinstance(report, TableReport):
-        _show_px4(frame, report, said)
+        _show_px4(frame, report, lead)
     else:
-        _show_ap(frame, report, said)
+        _show_ap(frame, report, lead)
     for finding in report.findings:
         console().print(f"{finding.severity}: {finding}")
 
 
-def _show_px4(frame: Airframe, report: TableReport, said: Sequence[str]) -> None:
+def _show_px4(frame: Airframe, report: TableReport, lead: Sequence[str]) -> None:
     from rich.table import Table
 
     out = console()
     out.print(f"{frame.name}: {report.law} law as PX4 parameters, THR_MDL_FAC {report.table.thr_mdl_fac:g}")
-    for line in said:
+    for line in lead:
         out.print(line, soft_wrap=out.width >= PIPE_WIDTH)
     rows = Table("rotor", "CT N", "KM m", "roll", "pitch", "yaw", "thrust", "hover u", box=None)
     for n, (rotor, entry) in enumerate(zip(frame.rotors, report.table.rotors, strict=True)):
@@ -115,7 +115,7 @@ def _show_px4(frame: Airframe, report: TableReport, said: Sequence[str]) -> None
         out.print("traps: none (every axis survives PX4's zeroing)")
 
 
-def _show_ap(frame: Airframe, report: ApReport, said: Sequence[str]) -> None:
+def _show_ap(frame: Airframe, report: ApReport, lead: Sequence[str]) -> None:
     from rich.table import Table
 
     out, p = console(), report.table.parameters
@@ -123,7 +123,7 @@ def _show_ap(frame: Airframe, report: ApReport, said: Sequence[str]) -> None:
         f"{frame.name}: {report.law} law for FRAME_CLASS {report.table.frame_class}, "
         f"MOT_THST_EXPO {p.thst_expo:g}, MOT_SPIN_MIN {p.spin_min:g}"
     )
-    for line in said:
+    for line in lead:
         out.print(line, soft_wrap=out.width >= PIPE_WIDTH)
     rows = Table("rotor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
     for n, rotor in enumerate(frame.rotors):

@@ -36,12 +36,12 @@ class Scales:
     lift: float
     torque: Array
     sigma: Array
-    room: float  # what the stand may miss of the lift
+    doubt: float  # share of the lift by which the rotor model may be off in hover
 
     @property
     def verdict(self) -> str:
         """mass, level, or open."""
-        if abs(self.lift) < DOUBTFUL_LIFT * self.room:
+        if abs(self.lift) < self.doubt:
             return "none"
         reach = SURE * self.sigma
         room = LIKE * abs(self.lift)
@@ -74,7 +74,7 @@ def scales(
     for k in range(2):
         columns = np.stack([predicted[:, k], slope[:, k], np.ones(len(left))], axis=1)
         torque[k], sigma[k] = _first(columns, left[:, k], block)
-    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD), lift_room(acting))
+    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD), own_doubt(acting))
 
 
 def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
@@ -122,14 +122,12 @@ def level_not_mass(frame: FlightFrame, s: Scales, mass_kg: float) -> Ambiguous |
 def lift_beside(acting: FlightFrame, mass_kg: float) -> float:
     """Share that a flight lifts more than model and declared mass say, beside all that acts but this mass."""
     measured, predicted = (float(np.median(f[acting.keep, 2])) for f in (acting.measured, acting.predicted))
-    return measured / predicted - 1.0 + acting.airframe.mass_kg / mass_kg - 1.0
+    return measured / predicted * acting.airframe.mass_kg / mass_kg - 1.0
 
 
 def own_doubt(frame: FlightFrame) -> float:
-    """Share of the lift by which a rotor model may be off in hover: by its held-out error."""
-    errors = frame.model.identified.get("errors", {}).get("coaxial_thrust", {})
-    pairs = max(len(frame.airframe.pairs), 1)
-    return max(DOUBTFUL_LIFT, SURE * float(errors.get("rmse", 0.0)) * pairs / frame.weight)
+    """Share of the lift by which a rotor model may be off in hover."""
+    return DOUBTFUL_LIFT * lift_room(frame)
 
 
 def weighing(frame: FlightFrame, lift: float, why: str = "and a stand errs by less") -> Ambiguous:

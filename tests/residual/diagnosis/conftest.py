@@ -1,14 +1,9 @@
-"""Every test here asks the engine of evidence; the paper's rotor pair."""
+"""The paper's rotor pair."""
 
 import pytest
 
 from coaxlink import files
 from coaxlink.rotor import load_rotor_model
-
-
-@pytest.fixture(autouse=True)
-def switched(monkeypatch):
-    monkeypatch.setenv("COAXLINK_ENGINE", "evidence")
 
 
 @pytest.fixture(scope="module")
