@@ -103,12 +103,16 @@ def other_vehicle(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[OtherVeh
     speeds = np.clip(speeds, 0.0, None)
     flown = Flown(frame.airframe, frame.model, speeds, meant, moved, stretch, step_s, _sagged(frame))
     of_escs = (d for log in logs for look in (_speeds, _currents) for d in look(log, frame))
-    return (*_lift(flown), *of_escs, *_turns(flown))
+    return (*_lift(flown), *of_escs, *_turns(flown, _left_by_one(flown)))
 
 
 def differs(flown: Flown) -> tuple[OtherVehicle, ...]:
-    """Of `other_vehicle` what needs no log: lift, order of the outputs, response."""
-    return (*_lift(flown), *_turns(flown))
+    """Of `other_vehicle` what needs no log: lift, order of the outputs, response.
+
+    In the air, where nothing is called before it is sure: a pair whose outputs are exchanged passes for one
+    weak rotor in the first seconds, so that is no rival here.
+    """
+    return (*_lift(flown), *_turns(flown, np.ones(3)))
 
 
 def _judged(frame: FlightFrame, loads: Array) -> Array:
@@ -134,8 +138,7 @@ def _lift(flown: Flown) -> Iterator[OtherVehicle]:
         yield OtherVehicle("lift", ratio, (1.0 - LIFT, most), why)
 
 
-def _turns(flown: Flown) -> list[OtherVehicle]:
-    weak = _left_by_one(flown)
+def _turns(flown: Flown, weak: Array) -> list[OtherVehicle]:
     return _exchanged(flown, weak) or _response(flown, weak)
 
 
