@@ -358,6 +358,23 @@ def show(rows: list[Row]) -> None:
             print(f"|   | {problem} |")
 
 
+def summary(rows: list[Row]) -> None:
+    """The table of the README."""
+    print("| pair | hover | *fitted* saves | exact saves | best split | ceiling | yaw |")
+    print("|---|---|---|---|---|---|---|")
+    laws = ("standard", "fitted", "exact, live")
+    for r in rows:
+        stem, _, spacing = r.name.rpartition("_zD")
+        far = f"{spacing[0]}.{spacing[1:]}" if len(spacing) > 1 else spacing
+        best = " / ".join(f"{100 * b:.1f} ± {50 * a:.1f}" for b, a in zip(r.best, r.apart, strict=True))
+        ceiling, yaw = (
+            ", ".join(f"{values.get(law, math.nan):.2f}" for law in laws) for values in (r.ceiling, r.yaw_Nm)
+        )
+        saved = (" / ".join(f"{100 * s:.1f}" for s in law) for law in (r.fitted, r.exact))
+        watts = f"{r.standard_W[1]:.0f} W"
+        print(f"| {' | '.join([f'{stem}, z/D {far}', watts, *saved, best, ceiling, yaw])} |")
+
+
 def missed(r: Row) -> Iterator[str]:
     """What was asked for and is not there, one line each."""
     kinds = (("shaft", 0.03), ("battery", 0.04))
@@ -412,6 +429,8 @@ def main() -> int:
             show(rows[-1:])
     print()
     show(rows)
+    print()
+    summary(rows)
     if o.json:
         o.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
     return int(any(r.problems or (o.small and [*missed(r)]) for r in rows))
