@@ -115,3 +115,13 @@ def test_live_mixing_sends_the_reduced_laws_answer_where_the_law_gives_less():
     core.step(1, 0, [0.0, 0.0, 0.0, 0.4])
     assert delivered(np.array(core.speeds))[0] > 0.5 * core.wrench[0]
     assert core.counters.account(1.0)["reduced_mixer_flown"] == 1
+
+
+@pytest.mark.parametrize("hard", [6.0, 9.0, 12.0, 20.0])
+def test_after_a_hard_turn_no_rotor_stands_that_need_not(hard):
+    law = ExactLaw(VEHICLE)
+    for yaw in np.linspace(hard, 0.0, 60):
+        u = law.speeds([WEIGHT, 0, 0, yaw])
+        if yaw < 1.0:
+            assert u.min() > 0.1, yaw
+    assert u == pytest.approx(ExactLaw(VEHICLE).speeds([WEIGHT, 0, 0, 0]), abs=1e-3)

@@ -766,6 +766,14 @@ def known(p, s):
     return s.looked[8] > 0.0 and same and distance < JUMP
 
 
+def stands(p, s):
+    """Whether an upper or a lone rotor that could turn is held at its least."""
+    found = False
+    for k in range(p.size):
+        found = found or (s.act[2 * k] == -1 and p.hi[2 * k] > p.lo[2 * k])
+    return found
+
+
 def optimum(p, s, limit):
     """`settled`, and the power of what it came to."""
     found = settled(p, s, limit)
@@ -774,14 +782,15 @@ def optimum(p, s, limit):
 
 
 def settled(p, s, limit):
-    """`solve` from where the last call stood; after a jump from hover too; what misses, from all round.
+    """`solve` from where the last call stood; after a jump, or where a rotor stands, from hover too; what
+    misses, from all round.
 
     Returns (steps, negative when nothing settled; active-set rounds). Whatever happens x is in its bounds,
     `miss` is that of x, and it is no more than the reduced law's.
     """
     start(p, s)
     spent = rounds = steps = 0
-    before, delivered, near, enough = 1e300, False, False, False
+    before, delivered, near, enough, stood = 1e300, False, False, False, False
     for stage in range(AGAIN + 1):
         if enough and stage < AGAIN:
             continue
@@ -801,13 +810,16 @@ def settled(p, s, limit):
         spent, rounds = spent + abs(steps), rounds + more
         sound = steps > 0 and fault(p, s) == 0.0
         if stage == NEAR:
-            if (sound and s.smooth[0] >= 0.0) or (steps > 0 and known(p, s)):
+            stood = stands(p, s)
+            if (sound and s.smooth[0] >= 0.0 and not stood) or (steps > 0 and known(p, s)):
                 return spent, rounds
             delivered, near, before = sound, steps > 0, better(p, s, before)
             keep_working(p, s)
         elif stage == HOME and delivered:
-            # after a jump the same wrench may be had at less power near hover
-            if steps < 0 or better(p, s, before) == before:
+            # after a jump the same wrench may be had at less power near hover; a rotor that stands has to
+            # start again, and no stand has measured its pair: only where nothing else delivers
+            turns = sound and stood and not stands(p, s)
+            if not turns and (steps < 0 or better(p, s, before) == before):
                 work_again(p, s)
                 miss(p, s)
             return spent, rounds

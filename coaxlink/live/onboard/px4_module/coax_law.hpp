@@ -170,7 +170,7 @@ public:
 	{
 		begin(demand);
 		settled = settle(false) && !state.gone[0] && !state.gone[1] && !state.gone[2];
-		settled = settled && ((!faulty() && state.smooth >= Real(0)) || known());
+		settled = settled && ((!faulty() && state.smooth >= Real(0) && !stands()) || known());
 		finish();
 		return settled;
 	}
@@ -1016,6 +1016,16 @@ private:
 		return _looked_at < NEVER && same && distance < JUMP;
 	}
 
+	// whether an upper or a lone rotor that could turn is held at its least
+	bool stands() const
+	{
+		for (int k = 0; k < K; k++) {
+			if (state.act[2 * k] < 0 && _hi[2 * k] > _lo[2 * k]) { return true; }
+		}
+
+		return false;
+	}
+
 	// keep x, whose miss is known, if it is better than the best so far at this demand; whether it is
 	bool keep(bool first)
 	{
@@ -1076,8 +1086,9 @@ private:
 			const bool near = settle(true);
 			_delivered = near && !faulty();
 			_near = near;
+			_stood = stands();
 
-			if ((_delivered && state.smooth >= Real(0)) || (near && known())) { return true; }
+			if ((_delivered && state.smooth >= Real(0) && !_stood) || (near && known())) { return true; }
 
 			fresh_miss();
 			keep(true);
@@ -1090,8 +1101,12 @@ private:
 			const bool there = settle(true);
 			fresh_miss();
 
-			if (_delivered) {  // after a jump: the same wrench may be had at less power near hover
-				if (!there || faulty() || !keep(false)) { work_again(); }
+			// after a jump the same wrench may be had at less power near hover; a rotor that stands has to start
+			// again, and no stand has measured its pair: only where nothing else delivers
+			if (_delivered) {
+				const bool turns = there && !faulty() && _stood && !stands();
+
+				if (!turns && (!there || faulty() || !keep(false))) { work_again(); }
 
 				return done();
 			}
@@ -1206,7 +1221,7 @@ private:
 	Real _lo[N] {}, _hi[N] {};
 	Real _power = 0, _radius = 0;
 	int _stage = CLOSE, _left = 0, _start = 0;
-	bool _delivered = false, _near = false;
+	bool _delivered = false, _near = false, _stood = false;
 	Real _answer[N] {}, _best[N] {}, _looked[4] {}, _looked_at = NEVER;
 	int _looked_gone[4] {};
 	Real _slope[N] {}, _jacobian[N][4] {}, _hessian[K][3] {};
