@@ -14,7 +14,6 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.constants import RAD_S_PER_RPM
@@ -232,6 +231,8 @@ def _left_by_one(flown: Flown) -> Array:
 
     Each axis has its own inertia and its own share of what the rotor lost, from nothing to all.
     """
+    from scipy.optimize import nnls  # takes a third of a second, and a companion has none
+
     body = flown.airframe
     thrust, torque = body.loads(flown.model, flown.speeds)
     y = flown.quick(flown.moved[:, 3:])

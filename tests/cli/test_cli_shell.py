@@ -138,7 +138,7 @@ def test_the_version_needs_no_verb(capsys):
 @pytest.mark.parametrize(
     ("line", "values"),
     [
-        ("table x.toml --law ", "fitted reduced standard curved"),
+        ("table x.toml --law ", "fitted balanced reduced standard curved"),
         ("table x.toml --firmware p", "px4"),
         ("bridge x.toml --firmware ", "px4 ardupilot"),
         ("identify --form s", "srm"),

@@ -85,6 +85,7 @@ TAKE_BOTH = {
     "coaxlink.residual.channels.flight.flown",  # which stretches are long enough for it
     "coaxlink.health.coefficients.by_speed",  # logged speeds into commands, no load
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
+    "coaxlink.health.turning.speed_ratios",  # logged speeds against commands, no load
     "coaxlink.premises.magnets.miscounted",  # the declared vehicle against what a log shows
     "coaxlink.premises.rotation.turned_otherwise",  # how pairs turn, no load
     "coaxlink.premises.rotation.pairs_unmeasured",
