@@ -48,7 +48,6 @@ SHARES = (
     (np.inf, (0.0, 0.39, 0.57), (0.0, 0.38, 0.68)),
 )
 SUPPLY_HZ = 1.0  # a pack's voltage follows the load within a second; above is the sensor's noise
-STAMP_DIGITS = 9  # of seconds: no log's stamps are finer than a nanosecond
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
     "time_s",
@@ -256,8 +255,7 @@ def _gapless(number: int, log: Samples, names: list[str], motors: list[str]) -> 
         taken = "".join(f"; in {n} {why}" for n, why in worst)
         problem = f"{len(t)} of {log.rows} rows can be used, {LEAST_ROWS} are needed{taken}"
         raise InputError(log.source, "rows", problem)
-    # whole rows are counted by it: a last digit of the stamps must not move an edge by one
-    step = round(float(np.median(np.diff(t))), STAMP_DIGITS)
+    step = float(np.median(np.diff(t)))
     cuts = np.flatnonzero(np.diff(t) > max(6.0 * step, 0.25)) + 1
     return [_Run(number, rows, step) for rows in np.split(order, cuts) if _lasts(time[rows])]
 
@@ -279,7 +277,7 @@ def _uniform(
 ) -> _Stretch:
     """A run on a uniform grid, with speeds behind the motors' lag, at most about this rate."""
     step, t, lag_s = run.step_s, log["time_s"][run.rows], airframe.motor_lag_s
-    grid = t[0] + step * np.arange(np.ceil(round((t[-1] - t[0]) / step, 6)))
+    grid = np.arange(t[0], t[-1], step)
     columns = {"time_s": grid}
     for name in (*NEEDED[1:], *motors, *(name for name in OPTIONAL if log.has(name))):
         values = log[name][run.rows]
