@@ -28,6 +28,6 @@ def resolution_of(values: NDArray[np.float64]) -> float:
 
 def is_coarse(values: NDArray[np.float64], step: float) -> bool:
     """Whether (rows,) moves, where it moves little, by so few steps that it repeats itself for that alone."""
-    moved = np.abs(np.diff(values))
-    moved = moved[np.isfinite(moved) & (moved > 0.0)]
+    moved = np.abs(np.diff(values[np.isfinite(values)]))
+    moved = moved[moved > 0.0]
     return bool(np.isfinite(step) and len(moved) and np.quantile(moved, SHARE) <= COARSE * step)
