@@ -33,6 +33,7 @@ LOADS, TOPMOST = (
     0.98,
 )  # masses at which sink is given; the heaviest, as a share of what the ceiling carries
 THRUSTS = tuple(np.linspace(0.0, 1.0, 51)[1:].tolist())  # demands among which one holds the most
+COARSE = 5  # of these, looked at first
 # shaft over electrical watts of motor and ESC where a stand measured no volts and amps: a premise that enters
 # minutes and never their ratio
 DRIVE_EFFICIENCY = 0.80
@@ -171,7 +172,7 @@ def weigh(
         _shape_error(fly, hover, gain, envelope(airframe)),
         loads,
         _sink(fly, loads, turn),
-        max(_least_lift(fly, demand, turn) for demand in THRUSTS) / GRAVITY_M_S2,
+        _most_held(fly, turn) / GRAVITY_M_S2,
     )
 
 
@@ -312,6 +313,14 @@ def _sink(fly: TableOnRotors, loads_kg: Array, turn: Array) -> Array:
             continue
         found.append(GRAVITY_M_S2 - _least_lift(fly, demand, turn) / kg)
     return np.array(found)
+
+
+def _most_held(fly: TableOnRotors, turn: Array) -> float:
+    """N that some thrust demand holds in the turn `turn`: the best of every fifth, then of those about it."""
+    coarse = {n: _least_lift(fly, THRUSTS[n], turn) for n in range(COARSE - 1, len(THRUSTS), COARSE)}
+    best = max(coarse, key=coarse.__getitem__)
+    about = range(max(best - COARSE + 1, 0), min(best + COARSE, len(THRUSTS)))
+    return max(coarse[best], *(_least_lift(fly, THRUSTS[n], turn) for n in about if n != best))
 
 
 def _least_lift(fly: TableOnRotors, thrust: float, turn: Array) -> float:
