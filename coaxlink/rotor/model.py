@@ -108,6 +108,16 @@ class RotorModel(Shown):
         return "\n".join(lines)
 
     @property
+    def slowest(self) -> float:
+        """Least normalised speed of an upper rotor on its stand; 0 where the file says nothing of it.
+
+        Below, the loads are an extrapolation, and a pair whose upper rotor stands may look cheap.
+        """
+        measured = self.identified.get("measured")
+        ends = measured.get("upper") if isinstance(measured, Mapping) else None
+        return _number({"slowest": ends[0]}, "slowest") if isinstance(ends, (list, tuple)) and ends else 0.0
+
+    @property
     def missed(self) -> dict[Load, float]:
         """What the model left of its stand log's loads beyond their noise, on held-out blocks, N and N m.
 

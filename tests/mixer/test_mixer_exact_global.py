@@ -125,3 +125,13 @@ def test_after_a_hard_turn_no_rotor_stands_that_need_not(hard):
         if yaw < 1.0:
             assert u.min() > 0.1, yaw
     assert u == pytest.approx(ExactLaw(VEHICLE).speeds([WEIGHT, 0, 0, 0]), abs=1e-3)
+
+
+def test_no_rotor_turns_slower_than_its_stand_did():
+    measured = {"upper": (0.12, 1.0), "lower": (0.1, 1.0)}
+    slow = Vehicle(X8.airframe, dataclasses.replace(CORNER, identified={"measured": measured}))
+    for demand in ([0, 0, 0, 0], [WEIGHT, 0, 0, 20.0], [0.3 * WEIGHT, 0, 0, 0]):
+        u = ExactLaw(slow).speeds(demand)
+        assert u[:4].min() > 0.12 - 1e-9, demand
+    dead = ExactLaw(slow, failed=[2]).speeds([WEIGHT, 0, 0, 0])
+    assert dead[1] == 0.0

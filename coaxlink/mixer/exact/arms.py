@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 CAPS = (1e6, 1e6, 1e4, 1e2)  # in full powers per full authority, by rank
 SMALL = 1e-10  # of the largest: what rounding leaves of a surface that is none
 WITHIN = 1e-5  # of the vehicle's authority: a miss that no sensor shows
+# of full speed: what autopilots let rotors idle at (MOT_SPIN_MIN); a stand that began faster forbids no more
+IDLE = 0.15
 POINTS = 33  # of upper speeds for the lines
 RATIOS = np.linspace(0.0, 0.9, 91)  # of lower over upper speed, for the windmilling one
 
@@ -98,7 +100,7 @@ def scaled(
     for k, (a, b) in enumerate(pairs):
         slots[a] = 2 * k
         if not still[a]:
-            lo[2 * k], hi[2 * k] = least[a], most[a]
+            lo[2 * k], hi[2 * k] = max(least[a], min(model.slowest, IDLE, 0.5 * most[a])), most[a]
         if b >= 0:
             slots[b] = 2 * k + 1
             hi[2 * k + 1] = 0.0 if still[b] else 1.0
