@@ -28,7 +28,7 @@ from coaxlink.residual.result import HIDDEN, WouldShow
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air
 # of a rotor's load, judgement: what propellers of one mould, and their motors, differ by
 THRUST_SCATTER, TORQUE_SCATTER = 0.0015, 0.008
-MODEL_LENGTH = 0.05  # of full speed: half of what lies between levels, where a stand runs ten a rotor
+MODEL_LENGTH = 0.05  # of full speed, judgement: half of what lies between levels, where a stand runs ten
 MANY_ROWS = 5_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
