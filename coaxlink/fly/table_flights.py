@@ -137,7 +137,11 @@ class TableFlight:
         commands = commands_on_board(vehicle, session)
         self.share = upper_share(vehicle, behaviour(vehicle, commands).hover_speeds)
         self.plan = SplitPlan((self.share,), self.share, dwells)
-        self.record = PowerRecord(Telemetry(session.clock.monotonic), self.plan)
+        self.record = PowerRecord(
+            Telemetry(session.clock.monotonic),
+            self.plan,
+            upper=tuple(rotor.level == "upper" for rotor in vehicle.airframe.rotors),
+        )
         self._session = session
 
     @contextmanager

@@ -96,6 +96,7 @@ def test_the_verb_flies_two_tables_on_a_px4_that_is_not_mixed_live(capsys: Any, 
         done.append(tmp_path / f"{number}.json")
     found = json.loads(done[-1].read_text())["split"]
     assert "of the thrust from above takes" in said
+    assert found["escs"]["ratio"] == pytest.approx(1.0, abs=0.03)
     assert found["flights"] == [2, 2] and found["shares"][1] == pytest.approx(0.6, abs=0.01)
     truth = [shaft_watts(vehicle, share) for share in found["shares"]]
     assert found["saving"] == pytest.approx(1.0 - truth[1] / truth[0], abs=0.01)
