@@ -133,7 +133,7 @@ class TableFlight:
     """A hover with the table on board: give `mixing` and `watch` to `Pilot.fly`; nothing is mixed live."""
 
     def __init__(self, session: Session, vehicle: Vehicle, *, dwells: int) -> None:
-        """Reads the table on board. Raises InputError where it is not known here, LinkError."""
+        """Reads the table on board. Raises as `commands_on_board` does."""
         commands = commands_on_board(vehicle, session)
         self.share = upper_share(vehicle, behaviour(vehicle, commands).hover_speeds)
         self.plan = SplitPlan((self.share,), self.share, dwells)

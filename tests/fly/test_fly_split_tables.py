@@ -102,6 +102,28 @@ def test_the_verb_flies_two_tables_on_a_px4_that_is_not_mixed_live(capsys: Any, 
     assert found["saving"] == pytest.approx(1.0 - truth[1] / truth[0], abs=0.01)
 
 
+@pytest.mark.parametrize(("firmware", "acts"), [("px4:1.13", 0), ("px4:1.13", 1), ("px4:1.16", None)])
+def test_a_table_that_px4_ignores_is_not_flown_in_turn(
+    capsys: Any, tmp_path: Path, firmware: str, acts: int | None
+) -> None:
+    class Board(Flight):
+        def prepare(self) -> None:
+            super().prepare()
+            if acts is not None:
+                self.autopilot.store.write("SYS_CTRL_ALLOC", 6, acts)
+
+    Board.firmware = firmware
+    flight = Board(airborne=False)
+    words = ["fly", "--plan", "split", "--tables", "--minutes", 1.6, "--connect", flight.url()]
+    with plugged(flight.net):
+        code, _, err = run(capsys, *words, "--airframe", FRAME, "--no-log", "--dry-run", "--out", tmp_path)
+    if acts == 0:
+        assert code == 4 and "ignores the table while SYS_CTRL_ALLOC is 0" in err, err
+    else:
+        assert code == 0, err
+    assert not flight.autopilot.armed
+
+
 def shaft_watts(vehicle: Vehicle, share: float) -> float:
     """The world's own: torques of its rotor file times speeds, at a hover of that share."""
     weight, top = X8.mass_kg * 9.80665 / 4.0, CRM.speed_max_rpm * np.pi / 30.0
