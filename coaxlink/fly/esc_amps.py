@@ -22,10 +22,7 @@ REPEATED = 4  # ESCs a message: PX4 of the v1.14 era sends the first four in the
 HEARD = 0.9  # of the battery's readings that must have every ESC's beside them
 STALE_S = 1.0
 LEAST_DWELLS = 5
-OFF = (
-    "one of them is scaled or offset; the answer rests on the battery monitor, and a scale changes the "
-    "watts, not the share"
-)
+RESTS = "; the answer rests on the battery monitor, and a scale changes the watts, not the share"
 
 Array = NDArray[np.float64]
 
@@ -53,7 +50,12 @@ class EscAmps:
         """A line of the sum, and one of what it means for the share where a share was sought."""
         low, high = self.ratio_ci
         said = f"the ESCs' amps sum to {self.ratio:.3f} ({low:.3f} to {high:.3f}) of the battery monitor's: "
-        said += "they agree" if self.agree else OFF
+        if self.agree:
+            said += "they agree"
+        elif self.ratio < 1.0:
+            said += "the rest is the avionics' current, or a sensor's scale or zero" + RESTS
+        else:
+            said += "more than the pack gives, so one sensor's scale or zero is wrong" + RESTS
         if self.least is None or self.least_ci is None or self.saving is None:
             return [said]
         ends = (int(np.argmin(self.share)), int(np.argmax(self.share)))

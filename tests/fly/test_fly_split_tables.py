@@ -12,9 +12,12 @@ from live_flight import CRM, EXAMPLES, X8, Flight
 from memory_net import plugged
 from verb import run
 
+from coaxlink.cli.sim import coax_firmware
 from coaxlink.errors import InputError
 from coaxlink.fly.split_answer import Dwells
 from coaxlink.fly.table_flights import compare_tables, flights_for
+from coaxlink.live.onboard.description import board_law
+from coaxlink.live.onboard.px4 import module_files
 from coaxlink.mixer.split import table_of
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle
@@ -122,6 +125,28 @@ def test_a_table_that_px4_ignores_is_not_flown_in_turn(
     else:
         assert code == 0, err
     assert not flight.autopilot.armed
+
+
+@pytest.mark.slow
+def test_tables_are_not_flown_in_turn_while_the_module_has_the_motors(capsys: Any, tmp_path: Path) -> None:
+    vehicle = Vehicle(X8, CRM)
+
+    class Board(Flight):
+        firmware = "px4:1.16"
+
+        def prepare(self) -> None:
+            a = self.autopilot
+            a.firmware_module = coax_firmware(vehicle)
+            a.store.write("MPC_THR_HOVER", 9, board_law(vehicle).hover)
+            extras = module_files(board_law(vehicle), "tests")["etc/extras.txt"]
+            a.files.files["etc/extras.txt"] = extras.encode()
+            a.boot()
+
+    flight = Board(airborne=False)
+    words = ["fly", "--plan", "split", "--tables", "--minutes", 1.6, "--connect", flight.url()]
+    with plugged(flight.net):
+        code, _, err = run(capsys, *words, "--airframe", FRAME, "--no-log", "--dry-run", "--out", tmp_path)
+    assert code == 4 and "module flies the motors" in err and "--tables" in err, err
 
 
 def shaft_watts(vehicle: Vehicle, share: float) -> float:
