@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.evidence import JITTER
@@ -47,9 +46,7 @@ class Stack:
                 nuisance = np.ascontiguousarray(beside[:, touched].T)
                 cross[np.ix_(touched, used)] += weight[c] * (nuisance @ columns)
                 moment[used] += weight[c] * (left[:, c] @ columns)
-        cross *= fit.deviation[:, None]
-        cross *= self.deviation
-        half = solve_triangular(fit.factor, cross, lower=True, check_finite=False, overwrite_b=True)
+        half = fit.half(cross * self.deviation)
         out = np.zeros(len(self.widths))
         for width in np.unique(self.widths):
             mine = np.flatnonzero(self.widths == width)
