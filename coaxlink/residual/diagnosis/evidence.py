@@ -72,9 +72,10 @@ class Base:
         which `rows` (C,) count.
         """
         starts = len(self.deviation) + np.cumsum([0, *(len(d) for _, d in further)])
+        each = [np.asarray(x.any(axis=0)) for x, _ in further]  # (C, K)
         out = []
         for c, (own, ways, strength, lead, shared, others) in enumerate(self._parts):
-            touched = [np.flatnonzero(x[:, c].any(axis=0)) for x, _ in further]
+            touched = [np.flatnonzero(of[c]) for of in each]
             parts = [(x[:, c, t] * d[t]).T for (x, d), t in zip(further, touched, strict=True)]
             more, (cross, common) = np.concatenate([others[:0], *parts]), self._products[c]
             between, y = others @ more.T, target[:, c]

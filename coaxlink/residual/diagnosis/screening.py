@@ -22,8 +22,9 @@ class Stack:
         self.used: list[np.ndarray] = []
         self.columns: list[Array] = []
         self.own: list[list[Array | None]] = []
+        each = [np.asarray(x.any(axis=0)) for x, _ in pieces]  # (C, K)
         for c in range(self.count):
-            touched = [np.flatnonzero(x[:, c].any(axis=0)) for x, _ in pieces]
+            touched = [np.flatnonzero(of[c]) for of in each]
             parts = [x[:, c, t] for (x, _), t in zip(pieces, touched, strict=True)]
             offsets = zip(touched, self.first, strict=True)
             self.used.append(np.concatenate([t + at for t, at in offsets]).astype(np.intp))
