@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from coaxlink.residual.diagnosis.evidence import _cholesky as cholesky
 from coaxlink.residual.diagnosis.evidence import Base, fitted
+from coaxlink.residual.diagnosis.evidence import _cholesky as cholesky
 from coaxlink.residual.diagnosis.noise import colour_of
 from coaxlink.residual.diagnosis.parts import products, waves
 from coaxlink.residual.diagnosis.screening import Stack
