@@ -13,7 +13,7 @@ from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.discrepancy import SHARES, discrepancy
-from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
+from coaxlink.residual.diagnosis.evidence import Base, Fit, fitted
 from coaxlink.residual.diagnosis.noise import Colour, colour_of
 from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.members import Member, composed, member
@@ -100,7 +100,7 @@ class Scorer:
         self.channels, self.colour = channels, colour
         self.columns, self.deviation = joined([*channels.nuisance, *channels.surface])
         self.white = colour.whiten(self.columns)
-        self._own = by_channel(self.white)
+        self._base = Base(self.white, self.deviation)
         self._forms: dict[str, tuple[Block, Array]] = {}
         self._slopes: dict[object, Slopes] = {}
 
@@ -192,10 +192,10 @@ class Scorer:
             blocks.append((form.columns, white, form.deviation))
         rows = self.colour.rows(len(target))
         whitened = self.colour.whiten(target)
-        sums = sums_of(self._own, self.white.shape[-1], [b[1] for b in blocks], whitened, rows)
+        channels = self._base.beside([b[1:] for b in blocks], whitened, rows)
         deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
         start = ch.reference * 0.01 if noise is None else noise
-        fit = fitted(sums, deviation, start, ch.least_noise)
+        fit = fitted(channels, deviation, start, ch.least_noise)
         width = self.white.shape[-1]
         prior = sum(_log_prior(ch, m) for m in members)
         prior += len({form_name(f) for f in forms}) * (ODDS - np.log(max(len(ch.forms), 1)))

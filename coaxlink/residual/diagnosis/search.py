@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, key_of
@@ -155,7 +154,7 @@ class Search:
             mine = c.white[:, k]
             moment += weight[k] * (mine.T @ left[:, k])
             cross += weight[k] * (h.whitened(int(k)).T @ mine)
-        half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
+        half = h.fit.half(cross)
         return gram - half.T @ half, moment
 
     def alone(self, h: Hypothesis, c: Candidate) -> Array:
