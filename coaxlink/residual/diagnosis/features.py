@@ -24,7 +24,7 @@ from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
 from coaxlink.residual.members import composed
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
-MOST = 3000.0  # nats: where no set of a kind was worth a visit
+MOST_NATS = 3000.0  # nats: where no set of a kind was worth a visit
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Features:
         beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
         numbers["load"] = float(np.log(max(rms[c] / ch.reference[c], 1e-6) / EFFECT_SIZE))
-        numbers["freed"] = self._freed(name) if others else MOST
+        numbers["freed"] = self._freed(name) if others else MOST_NATS
         # what else it took to explain the log: a log that is not understood tells less
         numbers["members"] = float(len(lead.members))
         numbers["forms"] = float(sum(f not in mine for f in lead.forms))
@@ -117,7 +117,7 @@ class Features:
     def _nats(self, kind: str, sets: Sequence[Hypothesis]) -> dict[str, float]:
         """Of the leading set over the best of these; three ways."""
         if not sets:
-            return {f"{kind}_{way}": MOST for way in ("raw", "tempered", "own")}
+            return {f"{kind}_{way}": MOST_NATS for way in ("raw", "tempered", "own")}
         best = sorted(sets, key=lambda h: -h.score)[:WEIGHED]
         return {
             f"{kind}_raw": float(self.lead.score - best[0].score),
