@@ -18,7 +18,6 @@ LEFT_OUT = {
     "python_calamine": "python-calamine",
     "pyulog": "pyulog",
     "scipy": "scipy",
-    "sklearn": "scikit-learn",
     "threadpoolctl": "threadpoolctl",
 }
 
