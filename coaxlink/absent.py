@@ -18,6 +18,7 @@ LEFT_OUT = {
     "python_calamine": "python-calamine",
     "pyulog": "pyulog",
     "scipy": "scipy",
+    "sklearn": "scikit-learn",
     "threadpoolctl": "threadpoolctl",
 }
 

@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from coaxlink.frames import Array
 
-ROUNDS = 2
+NOISE_ROUNDS = 2
 JITTER = 1e-11  # of a diagonal: rounding of the products
 MORE_JITTER = (0.0, 1e-9, 1e-7)  # of it again, where many columns are nearly one: rounding grows with them
 
@@ -145,7 +145,7 @@ class Fit:
 
 
 def fitted(
-    channels: Sequence[Channel], deviation: Array, noise: Array, least: Array, rounds: int = ROUNDS
+    channels: Sequence[Channel], deviation: Array, noise: Array, least: Array, rounds: int = NOISE_ROUNDS
 ) -> Fit:
     """The model with its noise levels (C,) moved from `noise` to their best, none under `least`."""
     shared = np.unique(np.concatenate([ch.shared for ch in channels]))

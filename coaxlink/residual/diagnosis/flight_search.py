@@ -26,7 +26,7 @@ from coaxlink.residual.members import Member
 
 SHORT_ROWS = 15_000  # of a frame: of a longer one only what is promising is fitted (seconds)
 SETTLES = 20  # rounds of a noise level (effort)
-ROUNDS, STARTS = 3, 4  # effort, judgement: of the noise, and sets that the next one begins with
+NOISE_ROUNDS, STARTS = 3, 4  # effort, judgement: of the noise, and sets that the next one begins with
 LESS = 2.0  # times: noise that hangs together so much less long is another (judgement)
 # rows a column of what all candidates leave, each as many as hang together (judgement: fewer fit the noise)
 LEAST_INDEPENDENT = 3.0
@@ -57,7 +57,7 @@ def searched(ch: Channels, progress: Progress) -> Flown:
     """
     search, starts = None, list[Hypothesis]()
     times, beside = np.full(ch.count, np.inf), Scorer(ch, white(ch.count)).empty
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         now = np.minimum(left_by_all(ch, beside), times)
         if search is not None and np.all(now > times / LESS):
             break

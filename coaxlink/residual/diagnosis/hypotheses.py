@@ -14,7 +14,7 @@ from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.discrepancy import SHARES, discrepancy
 from coaxlink.residual.diagnosis.evidence import Base, Fit, fitted
-from coaxlink.residual.diagnosis.noise import Colour, colour_of
+from coaxlink.residual.diagnosis.noise import COLOUR_ROUNDS, Colour, colour_of
 from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.members import Member, composed, member
 
@@ -25,7 +25,6 @@ HALVINGS = (1.0, 0.5, 0.2)
 SETTLED = 0.2  # nats
 CONSISTENT = 1  # rounds
 REFUSED = -1e6
-COLOURS = 2  # rounds
 REMEMBERED = 60  # linearisations
 ROTOR = "rotor"  # the number of a shape that is no quantity but a place
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
@@ -275,7 +274,7 @@ class Scorer:
 
 def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
     """The hypothesis under the colour of what itself leaves; every number of a colour costs as BIC has it."""
-    for _ in range(COLOURS):
+    for _ in range(COLOUR_ROUNDS):
         colour = colour_of(h.left)
         near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
         h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near, h.share)

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 
 from coaxlink.frames import Array
 
+COLOUR_ROUNDS = 2  # what is left of the best set says what the noise is (effort)
 MOST_ORDER = 6  # of what rings: three oscillations
 LEAST_ROWS_PER_ORDER = 25
 # of the wander, grids of its likelihood: rows after which it is forgotten, as shares of the log (longer is a
