@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.errors import InputError
-from coaxlink.fly.split_answer import LEVEL, Dwells, Interval, best_split, dwells_of
+from coaxlink.fly.split_answer import LEVEL, Interval, SplitAnswer, best_split, dwells_of
 
 REPEATED = 4  # ESCs a message: PX4 of the v1.14 era sends the first four in the second one too
 HEARD = 0.9  # of the battery's readings that must have every ESC's beside them
 STALE_S = 1.0
 LEAST_DWELLS = 5
-RESTS = "; the answer rests on the battery monitor, and a scale changes the watts, not the share"
+RESTS = "; the answer rests on the battery monitor"
 
 Array = NDArray[np.float64]
 
@@ -36,10 +37,7 @@ class EscAmps:
     share: tuple[float, ...]  # of the upper rotors, a dwell each, as are the next two
     upper_A: tuple[float, ...]
     lower_A: tuple[float, ...]
-    least: float | None  # share of least power by the ESCs' amps; None where the hover does not tell
-    least_ci: Interval | None
-    saving: float | None
-    saving_ci: Interval | None
+    answer: SplitAnswer | None  # by the ESCs' amps alone; None where the hover does not tell
 
     @property
     def agree(self) -> bool:
@@ -56,23 +54,19 @@ class EscAmps:
             said += "the rest is the avionics' current, or a sensor's scale or zero" + RESTS
         else:
             said += "more than the pack gives, so one sensor's scale or zero is wrong" + RESTS
-        if self.least is None or self.least_ci is None or self.saving is None:
+        if self.answer is None:
             return [said]
         ends = (int(np.argmin(self.share)), int(np.argmax(self.share)))
         sides = ", ".join(
             f"{self.upper_A[n]:.1f} A above and {self.lower_A[n]:.1f} A below with {self.share[n]:.3f}"
             for n in ends
         )
-        least, most = self.least_ci
-        return [
-            said,
-            f"by the ESCs alone: least power with {self.least:.3f} ({least:.3f} to {most:.3f}), saves "
-            f"{100 * self.saving:.1f} %; {sides}",
-        ]
+        return [said, f"by the ESCs alone: {self.answer.words()}; {sides}"]
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {**asdict(self), "agree": self.agree}
+        mine = {k: v for k, v in asdict(self).items() if k != "answer"}
+        return {**mine, "agree": self.agree, "by_escs": self.answer and self.answer.as_json()}
 
 
 def esc_amps(rows: Array, amps: Array, upper: Sequence[bool], settle_s: float, on_board: float) -> EscAmps:
@@ -95,25 +89,17 @@ def esc_amps(rows: Array, amps: Array, upper: Sequence[bool], settle_s: float, o
     by_escs = dwells_of(
         number, t, watts * amps[:, 1:].sum(axis=1) / amps[:, 0], share, settle_s, others
     )  # watts at the battery's own volts
-    found = _least(by_escs, on_board)
+    answer = None
+    with suppress(InputError):  # one share, or too few dwells
+        answer = best_split(by_escs, on_board)
     return EscAmps(
         ratio,
         (ratio - reach, ratio + reach),
         tuple(of.share.tolist()),
         tuple(of.columns[:, above].sum(axis=1).tolist()),
         tuple(of.columns[:, ~above].sum(axis=1).tolist()),
-        *found,
+        answer,
     )
-
-
-def _least(
-    dwells: Dwells, on_board: float
-) -> tuple[float | None, Interval | None, float | None, Interval | None]:
-    try:
-        answer = best_split(dwells, on_board)
-    except InputError:  # one share, or too few dwells
-        return None, None, None, None
-    return answer.share, answer.share_ci, answer.saving, answer.saving_ci
 
 
 def _refuse_missing(escs: Array) -> None:
