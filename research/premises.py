@@ -331,6 +331,7 @@ def weighed(verb: str, log: Any, vehicle: Any) -> tuple[str, tuple[str, ...], An
                 update = coefficients_from_flights(inputs.logs, vehicle.declared, vehicle.rotors)
                 reasons, loads = update_hangs_on(update, inputs.logs, vehicle), update.loads
             told = [{"why": s.line()} for s in inputs.suspects]
+            told += [{"why": note} for note in update.notes] if loads else []
             found = as_json(reasons) | {"terms": {}, "suspect_data": told}
     except InputError as error:
         return f"refused: {error}"[:120], (str(error),), None

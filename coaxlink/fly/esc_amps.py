@@ -47,21 +47,21 @@ class EscAmps:
     def words(self) -> list[str]:
         """A line of the sum, and one of what it means for the share where a share was sought."""
         low, high = self.ratio_ci
-        said = f"the ESCs' amps sum to {self.ratio:.3f} ({low:.3f} to {high:.3f}) of the battery monitor's: "
+        line = f"the ESCs' amps sum to {self.ratio:.3f} ({low:.3f} to {high:.3f}) of the battery monitor's: "
         if self.agree:
-            said += "they agree"
+            line += "they agree"
         elif self.ratio < 1.0:
-            said += "the rest is the avionics' current, or a sensor's scale or zero" + RESTS
+            line += "the rest is the avionics' current, or a sensor's scale or zero" + RESTS
         else:
-            said += "more than the pack gives, so one sensor's scale or zero is wrong" + RESTS
+            line += "more than the pack gives, so one sensor's scale or zero is wrong" + RESTS
         if self.answer is None:
-            return [said]
+            return [line]
         ends = (int(np.argmin(self.share)), int(np.argmax(self.share)))
         sides = ", ".join(
             f"{self.upper_A[n]:.1f} A above and {self.lower_A[n]:.1f} A below with {self.share[n]:.3f}"
             for n in ends
         )
-        return [said, f"by the ESCs alone: {self.answer.words()}; {sides}"]
+        return [line, f"by the ESCs alone: {self.answer.words()}; {sides}"]
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
@@ -72,7 +72,7 @@ class EscAmps:
 def esc_amps(rows: Array, amps: Array, upper: Sequence[bool], settle_s: float, on_board: float) -> EscAmps:
     """Of the hover's `rows` (dwell, s, W, share, then what else moves the watts).
 
-    `amps` (rows, 1 + N): the battery's, then those of the ESCs by motor, NaN where one said none; `upper`
+    `amps` (rows, 1 + N): the battery's, then those of the ESCs by motor, NaN where one is missing; `upper`
     (N,). Raises InputError where an ESC's amps are not there, or too little was flown.
     """
     _refuse_missing(amps[:, 1:])
@@ -108,11 +108,11 @@ def _refuse_missing(escs: Array) -> None:
     if not heard.any():
         raise InputError("the ESCs", "current", "none of them says any")
     for k in range(escs.shape[1]):
-        said = escs[heard[:, k], k]
-        if len(said) < HEARD * len(escs):
+        given = escs[heard[:, k], k]
+        if len(given) < HEARD * len(escs):
             raise InputError("the ESCs", "current", f"ESC {k + 1} says none")
-        if np.ptp(said) == 0.0:
-            what = f"{said[0]:g} A all the time: none that it measures"
+        if np.ptp(given) == 0.0:
+            what = f"{given[0]:g} A all the time: none that it measures"
             raise InputError("the ESCs", "current", f"ESC {k + 1} says {what}")
     again = escs[:, REPEATED : 2 * REPEATED]
     usual = escs[:, : again.shape[1]]

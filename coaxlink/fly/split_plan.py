@@ -113,9 +113,9 @@ class PowerRecord:
 
     def _esc_amps(self) -> list[float]:
         """(N,) by motor, NaN where its ESC did not say it just now."""
-        now, said = self.telemetry.now(), self.telemetry.each("esc_current")
+        now, amps = self.telemetry.now(), self.telemetry.each("esc_current")
         return [
-            said[k].value if k in said and now - said[k].received_s <= STALE_S else math.nan
+            amps[k].value if k in amps and now - amps[k].received_s <= STALE_S else math.nan
             for k in range(len(self.upper))
         ]
 

@@ -32,6 +32,7 @@ from coaxlink.health.columns import least_noise, rows_of
 from coaxlink.health.evidence import Rows, together
 from coaxlink.health.priors import FULL, TURNING
 from coaxlink.health.regressors import regressors
+from coaxlink.health.turning import LEAST_ROWS, apart, has_speed, speed_ratios, turning_words
 from coaxlink.premises import rotation_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.residual.diagnosis.flight_search import SETTLES
@@ -45,7 +46,6 @@ DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed
 # intervals nor a covariance: twice what a data sheet's prior says of its lower rotor (docs/no_stand.md)
 NO_PRIOR = 0.15
 FEW_SPEEDS = 8  # in a mean, from ESCs that report once a second: what each is off by falls to a third
-LEAST_ROWS = 50  # for a line
 NEAR_S = 0.2  # a low-passed row has so much of what is around it
 SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
 SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
@@ -127,6 +127,11 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     covariance, notes = prior_covariance(prior, names, mean)
     measured = all(has_speeds(log, airframe) for log in logs)
     if measured:
+        ratios = [apart(speed_ratios(log, airframe, prior)) for log in logs]
+        doubt = (
+            "its ESC's reading is off, or its motor fails (coaxlink health); it is in this model as it reads"
+        )
+        notes += tuple(f"{turning_words(own)}: {doubt}" for own in ratios if own)
         logs = [by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
         numbers = [r.number for r in airframe.rotors]
@@ -227,13 +232,6 @@ def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
         speeds = turned.get(rotor.number, usual * command)
         turned[rotor.number] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
     return log.with_columns(**{f"motor{n}": speeds for n, speeds in turned.items()})
-
-
-def has_speed(log: Samples, rotor: int) -> bool:
-    """Whether there are speeds of a rotor while it was commanded."""
-    if not log.has(f"rpm{rotor}"):
-        return False
-    return int(np.sum((log[f"rpm{rotor}"] > 0.0) & (log[f"motor{rotor}"] > TURNING))) >= LEAST_ROWS
 
 
 def has_speeds(log: Samples, airframe: Airframe) -> bool:

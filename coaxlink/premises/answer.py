@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 CANNOT_JUDGE, NOT_THIS_VEHICLE = "cannot judge", "not this vehicle"
 
@@ -35,8 +36,9 @@ class OtherVehicle:
     why: str
 
     def as_json(self) -> dict[str, object]:
-        """Plain numbers."""
-        return {"check": self.check, "found": self.found, "expected": list(self.expected), "why": self.why}
+        """Plain numbers; no number where there is no ratio."""
+        found = self.found if isfinite(self.found) else None
+        return {"check": self.check, "found": found, "expected": list(self.expected), "why": self.why}
 
     def line(self) -> str:
         """In one line."""

@@ -130,9 +130,11 @@ def _lift(flown: Flown) -> Iterator[OtherVehicle]:
     ratio = lift / carried if carried > 0.0 else np.inf
     most = (1.0 + LIFT) / flown.sagged
     if not 1.0 - LIFT <= ratio <= most:
-        why = (
-            f"the rotors' commands mean {lift:.0f} N of lift, and {flown.airframe.mass_kg:g} kg hang on "
-            f"{carried:.0f} N ({ratio:.2f} times; within {100 * LIFT:.0f} % is expected)"
+        mass = f"{flown.airframe.mass_kg:g} kg"
+        why = f"the rotors' commands mean {lift:.0f} N of lift, and " + (
+            f"{mass} hang on {carried:.0f} N ({ratio:.2f} times; within {100 * LIFT:.0f} % is expected)"
+            if carried > 0.0
+            else f"{mass} are pushed down with {-carried:.0f} N: it lies on its back, or falls"
         )
         yield OtherVehicle("lift", ratio, (1.0 - LIFT, most), why)
 

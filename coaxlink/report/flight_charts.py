@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data import Samples, read_flights
-from coaxlink.data.samples import PREMISES
+from coaxlink.data.samples import DAMAGED, PREMISES
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.premises.same_vehicle import other_vehicle
@@ -98,7 +98,7 @@ def _charts(samples: Samples, vehicle: Vehicle | None) -> FlightCharts:
         tuple(charts),
         tuple(_events(samples, start)),
         tuple(rests),
-        samples.provenance,
+        (*samples.provenance, *(PREMISES[p] for p in samples.premises if p == DAMAGED)),
     )
 
 

@@ -14,6 +14,7 @@ from test_data_ulog import COMMON, CONTROLS, MOTORS, TWO, ulog
 
 from coaxlink.data import Samples, read_flight_log, read_flights
 from coaxlink.data.logs.board_parameters import read_board_parameters
+from coaxlink.data.logs.stretches import ONBOARD_S, Stream, cuts
 from coaxlink.data.samples import DAMAGED
 from coaxlink.errors import InputError
 
@@ -184,6 +185,12 @@ def test_of_several_vehicles_one_is_read_and_all_are_named(tmp_path: Path) -> No
     for apart_s in (100.0, 0.31, 0.0):
         with pytest.raises(InputError, match="two boards under one number"):
             read_flights(mixed(tmp_path, apart_s, 1, 1))
+
+
+def test_one_board_whose_stamps_do_not_go_on_is_a_damaged_file_and_no_two_boards() -> None:
+    clock = np.tile([0.0, 0.3, 0.1], 40) + np.repeat(np.arange(40.0), 3)
+    with pytest.raises(InputError, match="the file is damaged"):
+        cuts("a.ulg", [Stream(np.arange(120), clock)], ONBOARD_S)
 
 
 def test_one_vehicle_over_two_links_is_one(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from coaxlink.errors import InputError
 from coaxlink.health.judge import Health
 from coaxlink.health.premises import flown_by, judged
 from coaxlink.premises import as_if, moves, other_vehicle, unseen
+from coaxlink.premises.same_vehicle import Flown, differs
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.faults.inputs import checked
@@ -105,6 +107,15 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
                     r.as_json().get("check") for r in flown_by(checked([log], vehicle.declared), vehicle)
                 ]
                 assert check in checks
+
+
+def test_a_vehicle_on_its_back_lifts_no_multiple_of_its_weight():
+    rows = np.zeros((200, 6)), np.zeros((200, 6))
+    rows[0][:, 2], rows[1][:, 2] = -266.0, 45.0
+    flown = Flown(X8, ROTORS, np.full((200, 8), 0.5), *rows, np.zeros(200, int), 0.02)
+    (lift,) = (d for d in differs(flown) if d.check == "lift")
+    assert "inf" not in lift.why and "-45" not in lift.why
+    assert json.loads(json.dumps(lift.as_json(), allow_nan=False))["found"] is None
 
 
 @pytest.mark.slow

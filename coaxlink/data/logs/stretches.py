@@ -37,7 +37,7 @@ class Stream:
 def cuts(source: str, streams: Iterable[Stream], late_s: float, begins: Iterable[int] = ()) -> list[int]:
     """Places in the file at which a new stretch begins, increasing; `begins` are known to be some.
 
-    Raises InputError for two boards at once.
+    Raises InputError for two boards at once, and for stamps of one board that do not go on.
 
     >>> clock = np.r_[0:12.0:0.02, 3.0:9.0:0.02]
     >>> cuts("two.bin", [Stream(np.arange(len(clock)), clock)], ONBOARD_S)
@@ -53,7 +53,11 @@ def cuts(source: str, streams: Iterable[Stream], late_s: float, begins: Iterable
         step = np.diff(clock)
         # on board several sensors write one moment; over a link one moment is one message
         if np.mean(step < 0.0 if stream.heard_s is None else step <= 0.0) > BESIDE:
-            problem = "two boards under one number: their clocks run beside one another; give each its own"
+            problem = (
+                "its clock goes back again and again: the file is damaged"
+                if stream.heard_s is None  # a board writes its own log, and no other's
+                else "two boards under one number: their clocks run beside one another; give each its own"
+            )
             raise InputError(source, "", problem)
         starts = np.diff(_middle(clock)) < -late_s
         if stream.heard_s is not None:

@@ -17,11 +17,18 @@ from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
 from coaxlink.residual.faults.commands_apart import commands_apart
 from coaxlink.residual.faults.kinematics import flying_rows, step_of
-from coaxlink.residual.faults.mixer_demands import DEMANDS, LEAST_ROWS, away, design_of, held_in_flight
+from coaxlink.residual.faults.mixer_demands import (
+    DEMANDS,
+    LEAST_ROWS,
+    away,
+    design_of,
+    held_in_flight,
+    is_no_reading,
+    rows_of,
+)
 from coaxlink.residual.faults.repeats import is_fine
 from coaxlink.residual.faults.silent_speeds import STUCK_S, speed_faults
 from coaxlink.residual.faults.states import Finding, Mask, runs_of
-from coaxlink.residual.faults.yardstick import SURE
 
 LIMITS = ("MOT_SPIN_MIN", "MOT_SPIN_MAX")  # of ArduPilot; PX4's outputs end where a command is 0 or 1
 
@@ -37,11 +44,13 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     at_limit = np.isin(commands, list(_limits(log, commands, flying)))
     limited = np.asarray(at_limit.any(axis=1))  # a mixer at a limit serves other demands
     free = flying & ~limited
-    held = {n: held_in_flight(log[n], flying & ~at_limit[:, k]) for k, n in enumerate(names)}
+    runs = {n: held_in_flight(log[n], flying & ~at_limit[:, k]) for k, n in enumerate(names)}
+    held = {n: rows_of(of, log.rows) for n, of in runs.items()}
     steps = {name: log.resolution.get(name, resolution_of(log[name])) for name in names}
     found = dict[str, Mask]()
     for k, name in enumerate(names):
-        for a, b in runs_of(held[name]):
+        for run in runs[name]:
+            a, b, _ = run
             beside = [j for j, other in enumerate(names) if j != k and held[other][a:b].mean() < 0.5]
             if len(beside) < DEMANDS:  # all at once
                 fine = is_fine(log[name], steps[name]) and b - a > STUCK_S / step_of(log)
@@ -50,7 +59,7 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
                 usable = free & ~held[name] & ~np.any([held[names[j]] for j in beside], axis=0)
                 design = design_of(commands[:, beside], usable)
                 against = away(commands[:, k], design, usable, a + np.flatnonzero(~limited[a:b]), steps[name])
-            if against > SURE:
+            if is_no_reading(against, run):
                 found.setdefault(name, np.zeros(log.rows, bool))[a:b] = True
     for name, rows in found.items():
         yield name, rows, "one command repeats exactly while the others move: it is no reading there"

@@ -66,14 +66,18 @@ class _Free:
 
     def likeliest(self, ways: Callable[[int], tuple[Array, Array]]) -> tuple[str, int] | None:
         """The column and the way that leave least unexplained by the others, if that is sure: `ways`
-        give of a column what it leaves as it is (rows,), and (ways,) the mean squares that each leaves."""
+        give of a column what is left of it as it is (rows,), and by each way (rows, ways).
+
+        Rows count by the memory of what a way leaves: a step that it explains is no memory.
+        """
         best, most = None, 0.0
         for k, name in enumerate(self.names):
-            rest, left = ways(k)
+            rest, by_way = ways(k)
+            left = np.mean(by_way**2, axis=0)
             usual = float(np.mean(rest**2)) + FEWEST**2
             at = int(np.argmin(left))
-            now = float(left[at]) + FEWEST**2
-            nats = 0.5 * len(rest) * independent_share(rest) * float(np.log(usual / now)) - np.log(len(left))
+            now, share = float(left[at]) + FEWEST**2, independent_share(by_way[:, at])
+            nats = 0.5 * len(rest) * share * float(np.log(usual / now)) - np.log(len(left))
             # what one column is off by, fits to the others have in part
             if nats > SURE and now < HALF * usual and usual - now > most:
                 best, most = (name, at), usual - now
@@ -106,7 +110,7 @@ def _late(log: Samples, free: _Free) -> Iterator[Finding]:
     def ways(k: int) -> tuple[Array, Array]:
         moved = np.interp(early, free.time[known], free.commands[known, k])
         rest = _rest(moved, free.designs[k])
-        return rest[:, none], np.mean(rest**2, axis=0)
+        return rest[:, none], rest
 
     best = free.likeliest(ways)
     if best and abs(SHIFTS_S[best[1]]) > LATE_S:
@@ -136,10 +140,12 @@ def _changed(log: Samples, free: _Free) -> Iterator[Finding]:
         # least squares on two columns each, in closed form
         xx, zz, xz = (np.sum(a * b, axis=0) for a, b in ((x, x), (z, z), (x, z)))
         xy, zy = rest[:, 0] @ x, rest[:, 0] @ z
-        gain = (xy**2 * zz - 2.0 * xy * zy * xz + zy**2 * xx) / np.maximum(xx * zz - xz**2, 1e-30)
+        det = np.maximum(xx * zz - xz**2, 1e-30)
+        zero, scale = (xy * zz - zy * xz) / det, (zy * xx - xy * xz) / det
+        gain = zero * xy + scale * zy
         fewer = np.minimum(after.sum(axis=0), len(time) - after.sum(axis=0))
-        gain[(gain < fewer * (SLIGHT * own.mean()) ** 2) | ~_sharp(rest[:, 0], time, moments)] = 0.0
-        return rest[:, 0], np.maximum(np.mean(rest**2) - gain / len(time), 0.0)
+        odd = (gain >= fewer * (SLIGHT * own.mean()) ** 2) & _sharp(rest[:, 0], time, moments)
+        return rest[:, 0], rest - np.where(odd, x * zero + z * scale, 0.0)
 
     if best := free.likeliest(ways):
         why = f"at {moments[best[1]]:.1f} s its zero or scale changes against the other commands"

@@ -78,7 +78,8 @@ def column_faults(log: Samples) -> list[Finding]:
     if copied.any():
         found.append(("accel_*, gyro_*", copied, "these readings stand in the log before, digit by digit"))
     for name, rows in _held(log).items():
-        stuck = rows if _is_fine(log, name) else _proven(kin, name, rows)
+        fine = _fine_around(log, name, rows)
+        stuck = fine | _proven(kin, name, rows & ~fine)
         if stuck.any():
             told = "the gyros tell that the vehicle turns" if name in ANGLES else "the vehicle flies"
             found.append((name, stuck, f"one reading repeats exactly while {told}"))
@@ -104,6 +105,21 @@ def _held(log: Samples) -> dict[str, Mask]:
             rows[a:b] = flying[a:b].mean() > 0.5
         if rows.any():
             out[name] = rows
+    return out
+
+
+def _fine_around(log: Samples, name: str, held: Mask) -> Mask:
+    """(rows,) held runs around which, as many rows on either side, the column moves by more than its steps.
+
+    An estimator's velocity of 1 cm/s resolution is fine in fast flight and stands still with a vehicle that
+    hardly moves: one that moves by its steps there is held against the others.
+    """
+    out = np.zeros_like(held)
+    if not _is_fine(log, name):
+        return out
+    values, step = log[name], log.resolution.get(name, resolution_of(log[name]))
+    for a, b in runs_of(held):
+        out[a:b] = is_fine(values[max(2 * a - b, 0) : 2 * b - a], step)
     return out
 
 
@@ -198,7 +214,7 @@ class _Judged:
 def _proven(kin: Kinematics, name: str, held: Mask) -> Mask:
     """(rows,) runs of a coarse column in which the others differ from it by more than elsewhere."""
     out = np.zeros_like(held)
-    if len(kin.first) < LEAST_WINDOWS:
+    if len(kin.first) < LEAST_WINDOWS or not held.any():
         return out
     usable = ~kin.touches(held)
     off, channel = kin.along(name, _Judged.of(kin, usable).sound)

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.frames import Array
-from coaxlink.residual.faults.repeats import held_runs
+from coaxlink.residual.faults.repeats import repeats_of
 from coaxlink.residual.faults.states import Mask
-from coaxlink.residual.faults.yardstick import nats_of
+from coaxlink.residual.faults.yardstick import SURE, nats_of
 
 # priors: name = value  # unit, source
 DEMANDS = 4  # thrust and three torques
@@ -64,10 +64,26 @@ def independent_share(rest: Array, every: int = 1) -> float:
     return (1.0 - memory) / (1.0 + memory)
 
 
-def held_in_flight(values: Array, flying: Mask) -> Mask:
-    """(rows,) runs of one value that are no accident, in the air; rows without a value are passed over."""
-    out = np.zeros(len(values), bool)
+Held = tuple[int, int, float]  # first row, row behind the last, nats against its length being an accident
+
+
+def held_in_flight(values: Array, flying: Mask) -> list[Held]:
+    """Runs of one value in the air that a log has less than once by chance; rows without a value are passed
+    over."""
     known = np.flatnonzero(np.isfinite(values) & flying)
-    for a, b in held_runs(values[known]) if len(known) else ():
-        out[known[a] : known[b - 1] + 1] = True
+    found = repeats_of(values[known]) if len(known) else []
+    return [(int(known[a]), int(known[b - 1]) + 1, nats) for a, b, nats in found if nats > 0.0]
+
+
+def rows_of(held: list[Held], count: int) -> Mask:
+    """(count,) rows of runs."""
+    out = np.zeros(count, bool)
+    for a, b, _ in held:
+        out[a:b] = True
     return out
+
+
+def is_no_reading(away: float, run: Held) -> bool:
+    """Whether a run is none, that goes away from what it should have read by so many nats: those have to be
+    sure before its length, which a vehicle that rests has too, counts beside them."""
+    return away > 0.5 * SURE and away + run[2] > SURE

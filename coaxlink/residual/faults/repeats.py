@@ -32,16 +32,20 @@ def held_runs(values: Array, least: float = STUCK_ROWS) -> list[tuple[int, int]]
     >>> held_runs(np.concatenate([np.arange(50.0), np.full(9, 3.25), np.arange(50.0)]))
     [(50, 59)]
     """
+    return [(a, b) for a, b, nats in repeats_of(values, least) if nats > -np.log(BY_CHANCE)]
+
+
+def repeats_of(values: Array, least: float = STUCK_ROWS) -> list[tuple[int, int, float]]:
+    """First row, and row behind the last, of every run of one reading (rows,), and the nats against so long a
+    one somewhere in the log by how often the rows outside it repeat."""
     same = np.concatenate([[False], values[1:] == values[:-1]])
-    runs = [(a - 1, b) for a, b in runs_of(same)]
+    runs = [(a - 1, b) for a, b in runs_of(same) if b - a + 1 >= max(least, STUCK_ROWS)]
     count, every = float(same.sum()), len(values)
 
-    def against_chance(a: int, b: int) -> float:
-        """Nats, by how often the rows outside a run repeat."""
-        return -(b - a - 1) * float(np.log((count - (b - a - 1) + 1.0) / (every - (b - a) + 2.0)))
+    def against_chance(rows: int) -> float:
+        return -(rows - 1) * float(np.log((count - (rows - 1) + 1.0) / (every - rows + 2.0)))
 
-    least = max(least, STUCK_ROWS)
-    return [(a, b) for a, b in runs if b - a >= least and against_chance(a, b) > np.log(every / BY_CHANCE)]
+    return [(a, b, against_chance(b - a) - float(np.log(every))) for a, b in runs]
 
 
 def is_fine(values: Array, step: float | None = None) -> bool:

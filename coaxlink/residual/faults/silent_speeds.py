@@ -9,9 +9,8 @@ import numpy as np
 from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
-from coaxlink.residual.faults.mixer_demands import LEAST_ROWS, away, held_in_flight
-from coaxlink.residual.faults.states import Finding, Mask, runs_of
-from coaxlink.residual.faults.yardstick import SURE
+from coaxlink.residual.faults.mixer_demands import LEAST_ROWS, away, held_in_flight, is_no_reading, rows_of
+from coaxlink.residual.faults.states import Finding, Mask
 
 # priors: name = value  # unit, source
 STUCK_S = 0.5  # less is a packet that was lost
@@ -44,15 +43,17 @@ def _silent(log: Samples, name: str, flying: Mask) -> Iterator[Finding]:
 def _speed_held(log: Samples, name: str, command: Array, usable: Mask) -> Iterator[Finding]:
     """Where a speed stands still and its command moves."""
     speed = log[name]
-    held = held_in_flight(speed, usable)
+    runs = held_in_flight(speed, usable)
+    held = rows_of(runs, log.rows)
     design = np.stack([np.ones_like(command), command, command**2], axis=1)
     rows = np.zeros(log.rows, bool)
     most, step = float(np.nanmax(np.abs(speed), initial=1.0)), log.resolution.get(name, resolution_of(speed))
-    for a, b in runs_of(held):
+    for run in runs:
+        a, b, _ = run
         known = usable & ~held
         if np.sum(known & np.isfinite(speed)) < LEAST_ROWS:  # it never moves
             rows[a:b] |= np.ptp(command[a:b]) > 0.0
-        elif away(speed / most, design, known, np.arange(a, b), step / most) > SURE:
+        elif is_no_reading(away(speed / most, design, known, np.arange(a, b), step / most), run):
             rows[a:b] = True
     if rows.any():
         why = "one speed repeats exactly while its command moves: the ESC is silent"

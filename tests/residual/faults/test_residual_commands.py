@@ -63,6 +63,18 @@ def test_a_command_that_stands_still_while_the_others_move_is_no_reading_there()
                     assert abs(at[0] - HELD.start) <= 2 and abs(at[-1] - HELD.stop + 1) <= 2
 
 
+def test_a_command_of_coarse_steps_is_held_by_how_far_it_goes_away_and_how_long() -> None:
+    """Half a second that is no accident by neither alone, in a log that repeats every second reading."""
+    log = flown(step=0.002)
+    t = log["time_s"]
+    for n in ROTORS:  # as of a vehicle that moves less quickly
+        log[f"motor{n}"] = 0.002 * np.round(np.interp(t / 4.0, t, log[f"motor{n}"]) / 0.002)
+    assert found(log) == []
+    assert np.mean(np.diff(log["motor4"]) == 0.0) > 0.4
+    log["motor4"] = held(log["motor4"], slice(1500, 1525))
+    assert [(column, "repeats exactly" in why) for column, _, why in found(log)] == [("motor4", True)]
+
+
 def test_a_limit_that_is_reached_in_the_air_alone_may_hold_a_command() -> None:
     log = flown(least=0.52)
     assert any(np.sum(log[f"motor{n}"] == 0.52) > 20 for n in ROTORS)  # it is reached

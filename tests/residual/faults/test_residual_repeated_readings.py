@@ -14,13 +14,18 @@ MG, MRAD = 9.80665e-3, 1e-3
 RATE = 50.0
 
 
-def flight(seed: int = 0, seconds: float = 60.0, noise: float = 1.0, ground_s: float = 0.0) -> Samples:
-    """A vehicle that swings gently, as a log of floats: the attitude moves, gyro and velocity with it."""
+def flight(
+    seed: int = 0, seconds: float = 60.0, noise: float = 1.0, ground_s: float = 0.0, grows_s: float = 0.0
+) -> Samples:
+    """A vehicle that swings gently, or comes to it from a still hover, as a log of floats: the attitude
+    moves, gyro and velocity with it."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds + ground_s, 1.0 / RATE)
     up = np.clip((t - ground_s) / 2.0, 0.0, 1.0)
     quiet = 0.05 + 0.95 * (np.sin(2 * np.pi * t / 23.0) > 0.0)  # stretches in which little happens
     quiet = np.convolve(quiet, np.ones(50) / 50, mode="same")
+    if grows_s:
+        quiet *= np.clip(t / grows_s, 0.0, 1.0) ** 3
     roll, pitch = (0.12 * up * quiet * np.sin(2 * np.pi * t / p) for p in (3.1, 4.3))
     yaw = 0.5 * up * quiet * np.sin(2 * np.pi * t / 6.0)
     columns = {"time_s": t, "roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw}
@@ -35,7 +40,7 @@ def flight(seed: int = 0, seconds: float = 60.0, noise: float = 1.0, ground_s: f
         true = -lift if axis == "z" else 0.0 * t
         columns[f"accel_{axis}_m_s2"] = true + noise * 3e-3 * rng.standard_normal(len(t))
         velocity = np.cumsum(pull[k]) / RATE
-        columns[f"vel_{'ned'[k]}_m_s"] = velocity + 0.01 * rng.standard_normal(len(t))
+        columns[f"vel_{'ned'[k]}_m_s"] = velocity + noise * 0.01 * rng.standard_normal(len(t))
     for n in range(1, 9):
         columns[f"motor{n}"] = np.where(up > 0.0, 0.5, 0.1) + 0.01 * rng.standard_normal(len(t))
     return Samples(columns)
@@ -68,6 +73,16 @@ def test_coarse_steps_are_neither_stuck_nor_copied() -> None:
                 still = np.diff(log["gyro_z_rad_s"]) == 0.0
                 assert still.mean() > 0.3  # it does repeat itself
                 assert not column_faults(log)
+
+
+def test_a_velocity_of_short_digits_may_repeat_while_the_vehicle_hardly_moves() -> None:
+    step = 1e-4
+    for seed in range(3):
+        clean = flight(seed, noise=0.0, grows_s=20.0)
+        speeds = {f"vel_{a}_m_s": step * np.round(clean[f"vel_{a}_m_s"] / step) for a in "ned"}
+        assert np.ptp(speeds["vel_n_m_s"][10:60]) == 0.0  # a second and more of one reading
+        assert not is_coarse(speeds["vel_n_m_s"], step)  # of a column that is fine as a whole
+        assert column_faults(flight(seed, grows_s=20.0).with_columns(**speeds)) == []
 
 
 def test_a_stuck_axis_is_found_whatever_its_resolution() -> None:
