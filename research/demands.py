@@ -1,16 +1,18 @@
 """Does the exact law ever answer with less than it could? A hundred thousand demands on each real pair.
 
-    python research/demands.py [FOLDER] [--only mn4014] [--rows 100000] [--json FILE] [--small]
+    python research/demands.py [FOLDER] [--only mn4014] [--rows 100000] [--plain 5000] [--json FILE] [--small]
 
 An X8 of each map of the shared data (as `real_pairs.py` makes it), of blades that are made here (`--small`),
 and of the paper's pair. Demands in blocks of any order: what random speeds give (so they can be met), hover
-with small turns, rest, steps that are held, up to four times out of reach; all rotors, and rotor 3 dead.
+with small turns, rest, steps that are held, up to four times out of reach; half of them with all rotors, a
+quarter each with an upper and with a lower one dead.
 An answer that misses by more than `MISSED` of the weight (moments: at the arm) is held against a search
 with another method from random places (damped least squares within the law's own bounds); those it finds
 are `short`; `sees` is the share of answered demands that the search meets too. The same of the compiled law,
-of plain Python (the first tenth) and of the C++ on board (with g++),
+of plain Python (`--plain` of them) and of the C++ on board (with g++),
 whose every call ends after so many passes and goes on in the next: there a demand is held for `HELD` calls.
-Times are of one call: microseconds in the middle and at p99; `looks`: how often the law looked all round.
+Times are of a demand's first call: microseconds in the middle and at p99; `looks`: how often the law looked
+all round.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ from coaxlink.vehicle import Vehicle, load_vehicle
 
 MISSED = 0.005  # of the weight
 SEARCHED, STARTS, STEPS = 200, 12, 60  # answers that miss; random places that each is sought from; steps
-DEAD = 3
+SEEN = 50  # answers that do not miss
+# of the X8's eight none dead, an upper one, a lower one; and their parts of the demands
+DEAD: dict[tuple[int, ...], float] = {(): 0.5, (3,): 0.25, (7,): 0.25}
 HELD = 5  # calls of the law on board: 20 ms at 250 Hz
 KINDS = ("met", "hover", "rest", "held", "beyond")
 Array = NDArray[np.float64]
@@ -116,7 +120,8 @@ def judged(
     arm = max(float(np.hypot(*r.position_m[:2])) for r in vehicle.airframe.rotors)
     units = weight * np.array([1.0, arm, arm, arm])
     off = (np.abs(delivered(vehicle, speeds) - given) / units).max(axis=1)
-    missed, met = (rng.permutation(np.flatnonzero(rows))[:SEARCHED] for rows in (off > MISSED, off < MISSED))
+    missed = rng.permutation(np.flatnonzero(off > MISSED))[:SEARCHED]
+    met = rng.permutation(np.flatnonzero(off < MISSED))[:SEEN]
     short = missed[found_by_search(vehicle, law, given[missed], units, rng)]
     return {
         "missed": int(np.sum(off > MISSED)),
@@ -127,32 +132,36 @@ def judged(
     }
 
 
-def walk(name: str, vehicle: Vehicle, rows: int, ways: tuple[str, ...]) -> list[dict[str, Any]]:
+def walk(name: str, vehicle: Vehicle, rows: int, plain: int, ways: tuple[str, ...]) -> list[dict[str, Any]]:
     """A finding a way of computing and a state of the rotors, printed."""
     rng, out = np.random.default_rng(1), []
-    for failed in ((), (DEAD,)):
-        given, kinds = demands(vehicle, rows, failed, rng)
+    for failed, part in DEAD.items():
+        given, kinds = demands(vehicle, int(part * rows), failed, rng)
         for way in ways:
             law = ExactLaw(vehicle, failed=failed, compiled=way == "compiled")
-            mine = given if way == "compiled" else given[: rows // 10]
-            law.plain(given[0].tolist())
-            speeds, micros = np.zeros((len(mine), len(vehicle.airframe.rotors))), np.zeros(len(mine))
-            for n, wrench in enumerate(mine.tolist()):
-                begun = time.thread_time_ns()
-                speeds[n] = law.plain(wrench)
-                micros[n] = (time.thread_time_ns() - begun) / 1e3
+            mine = given[: int(part * plain)] if way == "plain" else given
+            if way == "C++":
+                speeds, micros, looks = by_board(vehicle, mine, failed)
+            else:
+                speeds, micros, looks = by_python(law, mine)
             found = judged(vehicle, law, mine, kinds, speeds, rng)
-            looks = law.certificate.looks / len(mine)
             out.append(row(name, way, failed, len(mine), found, micros, looks))
-        if shutil.which("g++") and "compiled" in ways:
-            speeds, micros = by_board(vehicle, given, failed)
-            found = judged(vehicle, law, given, kinds, speeds, rng)
-            out.append(row(name, "C++", failed, rows, found, micros, None))
     return out
 
 
-def by_board(vehicle: Vehicle, given: Array, failed: tuple[int, ...]) -> tuple[Array, Array]:
-    """(rows, N) speeds of the module's law, and microseconds."""
+def by_python(law: ExactLaw, given: Array) -> tuple[Array, Array, float]:
+    """(rows, N) speeds, microseconds (rows,), and looks a demand."""
+    law.plain(given[0].tolist())
+    speeds, micros = np.zeros((len(given), len(law.units.slots))), np.zeros(len(given))
+    for n, wrench in enumerate(given.tolist()):
+        begun = time.thread_time_ns()
+        speeds[n] = law.plain(wrench)
+        micros[n] = (time.thread_time_ns() - begun) / 1e3
+    return speeds, micros, law.certificate.looks / len(given)
+
+
+def by_board(vehicle: Vehicle, given: Array, failed: tuple[int, ...]) -> tuple[Array, Array, float]:
+    """(rows, N) speeds of the module's law, microseconds (rows,), and looks a demand."""
     sys.path.insert(0, str(HERE.parent / "tests" / "helpers"))
     from board_law import build, on_board  # type: ignore[import-not-found]
 
@@ -164,19 +173,26 @@ def by_board(vehicle: Vehicle, given: Array, failed: tuple[int, ...]) -> tuple[A
         dead = sum(1 << int(about.units.slots[n - 1]) for n in failed)
         held = np.repeat(given[:, about.units.order] / about.units.scale, HELD, axis=0)
         said = on_board(program, held, dead)
-    return said.speeds[HELD - 1 :: HELD, about.units.slots], said.micros
+    looks = float(said.looks[-1]) / len(given)
+    return said.speeds[HELD - 1 :: HELD, about.units.slots], said.micros[::HELD], looks
 
 
 def row(
-    name: str, way: str, failed: tuple[int, ...], rows: int, found: dict[str, int], micros: Array, looks: Any
+    name: str,
+    way: str,
+    failed: tuple[int, ...],
+    rows: int,
+    found: dict[str, Any],
+    micros: Array,
+    looks: float,
 ) -> dict[str, Any]:
     """One finding, printed."""
     p50, p99 = np.percentile(micros, [50, 99])
     print(
-        f"{name:22s} {way:8s} {'dead ' + str(DEAD) if failed else 'all':6s} {rows:7d} demands  missed "
+        f"{name:22s} {way:8s} {f'dead {failed[0]}' if failed else 'all':6s} {rows:7d} demands  missed "
         f"{found['missed']:6d}  searched {found['searched']:3d}  short {found['short']:3d}  "
         f"sees {100 * found['sees']:.0f} %  "
-        f"us {p50:6.1f} {p99:7.1f}  looks {'' if looks is None else f'{100 * looks:.2f} %'} "
+        f"us {p50:6.1f} {p99:7.1f}  looks {100 * looks:.2f} % "
         f"{', '.join(found['of'])}",
         flush=True,
     )
@@ -196,12 +212,16 @@ def main() -> None:
     parser.add_argument(
         "folder", nargs="?", type=Path, default=HERE.parent.parent / "shared" / "data" / "coax"
     )
-    parser.add_argument("--only", default="")
+    parser.add_argument("--only", default="", help="maps in whose name this is; `eq. 17` is the paper's pair")
     parser.add_argument("--rows", type=int, default=100_000)
+    parser.add_argument("--plain", type=int, default=5_000, help="how many of them in plain Python")
     parser.add_argument("--small", action="store_true", help="blades alone, 500 demands, nothing compiled")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
-    out, ways = [], ("plain",) if o.small else ("compiled", "plain")
+    out: list[dict[str, Any]] = []
+    ways: tuple[str, ...] = ("compiled", "plain", "C++")
+    if o.small or not shutil.which("g++"):
+        ways = ("plain",) if o.small else ways[:2]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         if o.small:
@@ -209,13 +229,14 @@ def main() -> None:
         else:
             every = sorted(p for s in STEMS for p in o.folder.glob(f"{s}_zD*.csv") if p.stem.count("_") == 2)
             paths = [p for p in every if o.only in p.stem]
-            out += walk("eq. 17", load_vehicle(example("x8_paper.toml")), o.rows, ways)
+            if o.only in "eq. 17":
+                out += walk("eq. 17", load_vehicle(example("x8_paper.toml")), o.rows, o.plain, ways)
         for path in paths:
             coaxlink(
                 "identify", path, "--upper", "left", "--out", rotor := folder / f"rotor_{path.stem}.toml"
             )
             vehicle = load_vehicle(vehicle_file(path, rotor, folder / f"{path.stem}.toml"))
-            out += walk(path.stem, vehicle, 5000 if o.small else o.rows, ways)
+            out += walk(path.stem, vehicle, *((1000, 1000) if o.small else (o.rows, o.plain)), ways)
     if o.json:
         o.json.write_text(json.dumps(out, indent=1))
     sys.exit(any(f["short"] for f in out))

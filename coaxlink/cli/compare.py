@@ -87,7 +87,11 @@ def compare(
     shown = worths.rows if every or not worths.serving() else worths.serving()
     wrenches = envelope(frame, rows, seed=2)
     weighed = every or printed or report or json_file
-    result = weigh(vehicle, _laws(vehicle, FittedLaw(vehicle), printed=printed), wrenches) if weighed else []
+    result = (
+        weigh(vehicle, _laws(vehicle, FittedLaw(vehicle, worths.fit), printed=printed), wrenches)
+        if weighed
+        else []
+    )
     battery = (frame.battery_Wh if battery_wh is None else battery_wh, drive_efficiency)
     low, high = wrenches.min(axis=0), wrenches.max(axis=0)
     laws = [_cells(row) for row in result] if every or printed else []

@@ -12,7 +12,7 @@ from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
 from coaxlink.data.tare import at_rest
 
-MOST = 5_000  # rows: more only repeat what the stand has said
+MOST_ROWS = 5_000  # rows: more only repeat what the stand has said
 STEADY = 0.02  # of the fastest speed: spread within which rows show one condition
 DRIFT = 0.75 * STEADY  # of the fastest speed, from end to end of a stretch: a ramp fills all of STEADY
 TELLING = 3  # rows: fewer tell no drift
@@ -20,13 +20,13 @@ TAILS = 0.25  # of a stretch's readings on either side: spikes, and what a step 
 GRID = 1.5  # grid steps of a map: rest this near to its rows is one of them, not an extrapolation
 
 
-def thinned(samples: Samples, most: int = MOST) -> Samples:
+def thinned(samples: Samples, most: int = MOST_ROWS) -> Samples:
     """Every so manieth row, at most about `most`: enough to tell rotors, signs and units by."""
     step = max(1, samples.rows // most)
     return samples if step == 1 else samples.take(np.arange(0, samples.rows, step))
 
 
-def conditions(samples: Samples, most: int = MOST) -> Samples:
+def conditions(samples: Samples, most: int = MOST_ROWS) -> Samples:
     """A row a condition: stretches of steady speed averaged, without rest and what lies between steps.
 
     Rows of one stretch are one measurement, however many they are: what a smooth model misses there does not

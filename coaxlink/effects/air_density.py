@@ -20,7 +20,7 @@ from coaxlink.constants import (
     ZERO_CELSIUS_K,
 )
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.live import MOST_OF_THRUST, LiveView, Part, nothing
 from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_LOADS, StandFrame
@@ -149,7 +149,7 @@ def _live(view: LiveView, p: Numbers) -> Part:
         if not (PRESSURE_PA[0] < pressure < PRESSURE_PA[1] and AIR_C[0] < celsius < AIR_C[1]):
             return nothing()
         gains = load_gains(p, density_of(pressure, celsius))
-        more = [min(max(float(gain) - 1.0, -MOST), MOST) for gain in gains]
+        more = [min(max(float(gain) - 1.0, -MOST_OF_THRUST), MOST_OF_THRUST) for gain in gains]
         thrust, torque = view.loads(speeds)
         return view.wrench_of(more[0] * thrust, more[1] * torque)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.live import MOST_OF_THRUST, LiveView, Part, nothing
 from coaxlink.effects.static import LeftOut, Loads, StaticVehicle
 from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import FlightFrame
@@ -129,7 +129,7 @@ def _live(view: LiveView, p: Numbers) -> Part:
             return nothing()
         climb = axis @ np.asarray(velocity) + by_rate @ np.asarray(rates)
         thrust, _ = view.loads(speeds)
-        most = MOST * float(thrust.sum()) / len(thrust)
+        most = MOST_OF_THRUST * float(thrust.sum()) / len(thrust)
         return view.wrench_of(-np.clip(climb_loss(p, climb, speeds, thrust, usual), -most, most))
 
     return part

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from coaxlink.airframe import Airframe
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.live import MOST_OF_THRUST, LiveView, Part, nothing
 from coaxlink.effects.parameter import Linear
 from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, NotShown, Tracing
@@ -138,7 +138,7 @@ def _live(view: LiveView, p: Numbers) -> Part:
         if velocity is not None:
             height -= view.ahead("height") * velocity[2]
         gains = thrust_gain(p, height - _below(view.airframe, roll, pitch))
-        return view.wrench_of(np.clip(gains, -MOST, MOST) * view.loads(speeds)[0])
+        return view.wrench_of(np.clip(gains, -MOST_OF_THRUST, MOST_OF_THRUST) * view.loads(speeds)[0])
 
     return part
 

@@ -20,7 +20,7 @@ from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 from coaxlink.signals import lagged
 
-ROUNDS = 4  # of a lag that depends on the speed that it makes
+LAG_ROUNDS = 4  # of a lag that depends on the speed that it makes
 # finer around a small one: the nuisance's delay is confounded with most of it, and what share is left turns
 # quickly
 SMALL_S = (0.0, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
@@ -62,7 +62,7 @@ def late_speeds(frame: FlightFrame, p: Numbers) -> Array:
     bend = p.get("asymmetry", 0.0)
     if bend != 0.0:
         # lag x' = e + a |e|, e = u - x: quicker up than down; solved by putting |e| on the command
-        for _ in range(ROUNDS):
+        for _ in range(LAG_ROUNDS):
             speeds = frame.filtered(frame.commands + bend * np.abs(frame.commands - speeds), lag)
     return speeds
 

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CoaxlinkError, LinkError, SafetyRefusal
 from coaxlink.fly.commands import SILENCE_S, Commander, Crashed, NotReached, PlanAbandoned, Start
 from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
-from coaxlink.fly.sizing import MOST, first_swing, overshoot, sized
+from coaxlink.fly.sizing import MOST_SWING, first_swing, overshoot, sized
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink import Session
 
@@ -133,7 +133,7 @@ class Pilot:
             commander.take_off(-plan.at(0.0)[1].position_m[2], CLIMB_S, held)
             if (small := first_swing(plan)) is not None:
                 flown.swing = overshoot(small, commander.follow(small, start=self._start, held=held))
-                if flown.swing > MOST:
+                if flown.swing > MOST_SWING:
                     far = f"the first small swing went {flown.swing:.1f} times as far as asked"
                     raise OverLimit(f"flight ended and landed: {far}: tune its position loops first")
                 plan = sized(plan, flown.swing)

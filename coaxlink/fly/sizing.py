@@ -19,7 +19,7 @@ from coaxlink.fly.trajectory import FlightPlan, Hold, Swing
 SMALL = 0.25  # of the plan's widest swing
 CYCLES = 2  # the last is measured: a resonance has built up by then
 SETTLE_S = 2.0  # before and after
-MOST = 4.0  # judgement: a vehicle that swings further is not held by its loops
+MOST_SWING = 4.0  # judgement: a vehicle that swings further is not held by its loops
 
 
 def first_swing(plan: FlightPlan) -> FlightPlan | None:

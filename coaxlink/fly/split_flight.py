@@ -66,7 +66,11 @@ class SplitFlight:
         self.plan = SplitPlan(tuple(level.share for level in self.levels), board, dwells)
         self.law = SplitLaw(self.levels, board)
         self.mixer = LiveMixer(session, vehicle, self.law, own_curve=own_curve(session))
-        self.record = PowerRecord(Telemetry(session.clock.monotonic), self.plan)
+        self.record = PowerRecord(
+            Telemetry(session.clock.monotonic),
+            self.plan,
+            upper=tuple(rotor.level == "upper" for rotor in vehicle.airframe.rotors),
+        )
         self.law.speeds([vehicle.airframe.mass_kg * GRAVITY_M_S2, 0.0, 0.0, 0.0])  # caches, never in flight
 
     @contextmanager

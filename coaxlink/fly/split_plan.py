@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.errors import InputError
+from coaxlink.fly.esc_amps import STALE_S, EscAmps, esc_amps
 from coaxlink.fly.split_answer import Dwells, SplitAnswer, best_split, dwells_of, joined
 from coaxlink.fly.trajectory import FlightPlan, Hold
 from coaxlink.mavlink import Session
@@ -21,6 +22,7 @@ SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop a
 DWELL_S = 18.0  # settling takes two ninths of it; at 12 s a third, and savings scattered by a fifth more
 POWER_HZ, BEATS_HZ = 10.0, 10.0  # of battery readings, and of heartbeats, which tell the pilot's mode change
 BATTERY, HEARTBEAT = 147, 0  # message ids
+ESC_STATUS, ESC_TELEMETRY = 291, 11030  # of PX4, and of ArduPilot, which sends its others with it
 COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
 
 
@@ -89,6 +91,10 @@ class PowerRecord:
     now_s: float = math.nan  # into the plan, the vehicle's clock; NaN: nothing is kept
     rows: list[tuple[float, ...]] = field(default_factory=list)  # dwell, s, W, share, sinking m/s, tilt^2
     earlier: tuple[Dwells, ...] = ()  # flights before, with other packs
+    upper: tuple[bool, ...] = ()  # of every motor, whether its rotor is an upper one
+    amps: list[tuple[float, ...]] = field(
+        default_factory=list
+    )  # a row each: battery's, then the ESCs' or NaN
 
     def hear(self, message: Any) -> None:
         """Session subscriber."""
@@ -99,9 +105,26 @@ class PowerRecord:
         velocity, attitude = self.telemetry.latest("velocity"), self.telemetry.latest("attitude")
         if velocity and attitude:
             roll, pitch, _ = attitude.value
-            watts = volts * message.current_battery / 100.0
+            amps = message.current_battery / 100.0
+            watts = volts * amps
             number, level = self.plan.number(t), self.plan.level(t)
             self.rows.append((number, t, watts, level, velocity.value[2], roll**2 + pitch**2))
+            self.amps.append((amps, *self._esc_amps()))
+
+    def _esc_amps(self) -> list[float]:
+        """(N,) by motor, NaN where its ESC did not say it just now."""
+        now, amps = self.telemetry.now(), self.telemetry.each("esc_current")
+        return [
+            amps[k].value if k in amps and now - amps[k].received_s <= STALE_S else math.nan
+            for k in range(len(self.upper))
+        ]
+
+    def escs(self) -> EscAmps:
+        """The ESCs' amps against the battery's. Raises InputError where they are not all there."""
+        if len(self.rows) < 2 or not self.upper:
+            raise InputError("the ESCs", "current", "no hover in which any was heard")
+        rows, amps = np.array(self.rows), np.array(self.amps)
+        return esc_amps(rows, amps, self.upper, self.plan.settle_s, self.plan.on_board)
 
     def dwells(self) -> Dwells:
         """One row a dwell; columns: sinking, its rate (what the thrust is beside the weight), tilt squared.
@@ -126,6 +149,7 @@ def hearing(session: Session, record: PowerRecord) -> Iterator[None]:
     """A record that hears what the vehicle says of its battery, often enough."""
     session.request_stream(BATTERY, POWER_HZ)
     session.request_stream(HEARTBEAT, BEATS_HZ)
+    session.request_stream(ESC_TELEMETRY if session.identity.is_ardupilot else ESC_STATUS, POWER_HZ)
     ends = [session.subscribe(record.telemetry.hear), session.subscribe(record.hear)]
     try:
         yield

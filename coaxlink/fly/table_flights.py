@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.fly.split_answer import DRIFT_S, LEVEL, Dwells, Interval
 from coaxlink.fly.split_plan import PowerRecord, SplitPlan, hearing
+from coaxlink.live.module_end import ModuleEnd
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer.split import upper_share
@@ -30,6 +31,7 @@ SCATTER = 0.01  # of the watts: by so much two hovers of one vehicle differ; ass
 SEEN = 0.02  # of the watts: the difference that a count of flights is given for
 ALIKE = 0.005  # shares closer than this are of one table: a board rounds its entries
 MOST_FLIGHTS = 99
+FIND_HZ = 50.0  # of the module's demand, which tells that it is there
 
 
 @dataclass(frozen=True)
@@ -133,11 +135,23 @@ class TableFlight:
     """A hover with the table on board: give `mixing` and `watch` to `Pilot.fly`; nothing is mixed live."""
 
     def __init__(self, session: Session, vehicle: Vehicle, *, dwells: int) -> None:
-        """Reads the table on board. Raises InputError where it is not known here, LinkError."""
+        """Reads the table on board.
+
+        Raises SafetyRefusal where coaxlink's module has the motors, and as `commands_on_board` does.
+        """
+        if session.identity.is_px4 and ModuleEnd(session, vehicle, FIND_HZ).find():
+            raise SafetyRefusal(
+                "coaxlink's module flies the motors, whatever table is on board: take it back first, or fly "
+                "this plan without `tables`"
+            )
         commands = commands_on_board(vehicle, session)
         self.share = upper_share(vehicle, behaviour(vehicle, commands).hover_speeds)
         self.plan = SplitPlan((self.share,), self.share, dwells)
-        self.record = PowerRecord(Telemetry(session.clock.monotonic), self.plan)
+        self.record = PowerRecord(
+            Telemetry(session.clock.monotonic),
+            self.plan,
+            upper=tuple(rotor.level == "upper" for rotor in vehicle.airframe.rotors),
+        )
         self._session = session
 
     @contextmanager

@@ -20,7 +20,7 @@ from coaxlink.effects.ground_effect import GROUND_FELT_M
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import USUAL_M_S2
 from coaxlink.health.evidence import CHANNELS, Further, Rows, gained, together
-from coaxlink.health.onsets import ROUNDS, onsets, variants
+from coaxlink.health.onsets import ONSET_ROUNDS, onsets, variants
 from coaxlink.health.priors import (
     CG_DRAWN_M,
     CG_MOVED_M,
@@ -195,11 +195,11 @@ def changed_once(flight: Flight) -> tuple[Flight, Array]:
     flight = replace(flight.beside([lost])[0], together=1.0)  # what changes hangs together, and is no noise
     known = tuple(o for o in onsets(flight.time_s) if o.sudden)
     all_of_it = together([flight], {0: [lost]})
-    for again in range(ROUNDS + 1):
+    for again in range(ONSET_ROUNDS + 1):
         profiles = np.stack([o.time_profile(flight.time_s, flight.cutoff_hz) for o in known])
         gains = gained(Further(flight, free[:, :, None], profiles).beside(all_of_it, 0), sd)[:, 0]
         best = int(np.argmax(gains))
-        if again < ROUNDS:
+        if again < ONSET_ROUNDS:
             known = variants(known, known[best])
     return flight.beside([lost, Block("changed", free * profiles[best][:, None, None], sd)])
 

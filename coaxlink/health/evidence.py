@@ -15,11 +15,9 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from coaxlink.frames import Array
-from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
-from coaxlink.residual.diagnosis.evidence import Sums as Products
+from coaxlink.residual.diagnosis.evidence import Base, Channel, Fit, fitted
 from coaxlink.residual.diagnosis.flight_search import SETTLES
 from coaxlink.residual.diagnosis.noise import autocorrelation_time
 from coaxlink.residual.diagnosis.parts import Block, joined
@@ -72,9 +70,11 @@ class Together:
     left: tuple[Array, ...]  # (rows, 4) of each flight, whitened
     lasting: int
 
-    def factor(self, flight: int) -> Array:
-        """(P, P) lower Cholesky factor of one flight's columns."""
-        return self.fit.factor[np.ix_(self.places[flight], self.places[flight])]
+    def half(self, flight: int, products: Array) -> tuple[Array, Array]:
+        """What one flight's own columns, and those that last, take of further ones (`Fit.half`)."""
+        mine = slice(flight * len(CHANNELS), (flight + 1) * len(CHANNELS))
+        half = self.fit.half(products, self.places[flight], mine)
+        return half[: len(half) - self.lasting], half[len(half) - self.lasting :]
 
 
 def together(
@@ -94,30 +94,24 @@ def together(
     widths = [len(d) for _, d in before]
     lasting = len(behind[0][1])
     last = sum(widths) + np.arange(lasting)
-    places, columns, targets, parts = [], [], [], []
-    for f, (mine, _), (common, _), start in zip(
+    places, columns, channels = [], [], list[Channel]()
+    for f, (mine, of_mine), (common, _), start in zip(
         flights, before, behind, np.cumsum([0, *widths]), strict=False
     ):
         x = np.concatenate([mine, common], axis=-1) * f.scale[:, None]
         places.append(np.concatenate([start + np.arange(mine.shape[-1]), last]))
         columns.append(x)
-        targets.append(f.target * f.scale)
-        parts.append(
-            sums_of(by_channel(x), x.shape[-1], [], targets[-1], np.full(len(CHANNELS), len(x) / f.together))
-        )
-    sums = Products(
-        int(sum(widths)) + lasting,
-        [place[use] for place, s in zip(places, parts, strict=True) for use in s.use],
-        [g for s in parts for g in s.gram],
-        [m for s in parts for m in s.moment],
-        np.concatenate([s.power for s in parts]),
-        np.concatenate([s.rows for s in parts]),
-    )
+        lasts = np.arange(x.shape[-1]) >= len(of_mine)  # never one channel's own: they come last
+        base = Base(x, np.concatenate([of_mine, behind[0][1]]), lasts)
+        rows = np.full(len(CHANNELS), len(x) / f.together)
+        channels += [ch.placed(places[-1]) for ch in base.beside([], f.target * f.scale, rows)]
     deviation = np.concatenate([*(d for _, d in before), behind[0][1]])
     ones = np.ones(len(flights) * len(CHANNELS))
     least = np.concatenate([f.least / f.noise for f in flights])
-    fit = fitted(sums, deviation, ones, least, rounds)
-    left = tuple(y - x @ fit.values[p] for y, x, p in zip(targets, columns, places, strict=True))
+    fit = fitted(channels, deviation, ones, least, rounds)
+    left = tuple(
+        f.target * f.scale - x @ fit.values[p] for f, x, p in zip(flights, columns, places, strict=True)
+    )
     return Together(fit, tuple(places), tuple(columns), left, lasting)
 
 
@@ -172,9 +166,10 @@ class Further:
         new = x.shape[-1] + 1 - len(self._usual)
         cross = np.concatenate([self._crossed(x[..., :new]), self._usual[1:]])
         score = self._usual[0] - np.tensordot(all_of_it.fit.values[place], cross, 1)
-        cross = cross.reshape(len(cross), -1) * all_of_it.fit.deviation[place][:, None]
-        half = solve_triangular(all_of_it.factor(flight), cross, lower=True, check_finite=False)
-        mine, lasting = np.split(half.reshape(len(half), *self._shape), [-all_of_it.lasting])
+        mine, lasting = (
+            half.reshape(len(half), *self._shape)
+            for half in all_of_it.half(flight, cross.reshape(len(cross), -1))
+        )
         return Said(self._own - _squares(mine), lasting, score.reshape(self._shape))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from coaxlink.frames import Array
 from coaxlink.health.columns import Flight
 from coaxlink.health.evidence import Further, Said, Together, gained, together
-from coaxlink.health.onsets import ROUNDS, Onset, onsets, variants
+from coaxlink.health.onsets import ONSET_ROUNDS, Onset, onsets, variants
 from coaxlink.health.priors import (
     CG_MOVED_M,
     INERTIA_TODAY,
@@ -130,8 +130,8 @@ def compared(flights: Sequence[Flight], *, slides: bool = True) -> Comparison:
     """
     grid = [onsets(f.time_s) for f in flights]
     found = _compared(flights, grid, slides)
-    for look in range(ROUNDS + LOOKS):
-        if look < ROUNDS:
+    for look in range(ONSET_ROUNDS + LOOKS):
+        if look < ONSET_ROUNDS:
             now, finer = list(flights), [_finer(o, g) for o, g in zip(grid, found.gain, strict=True)]
         else:
             now, finer = _as_left(flights, found.best), grid

@@ -19,7 +19,7 @@ from coaxlink.signals import low_pass
 STEPS = 24  # times of a sudden onset, evenly over the flight but for MARGIN_S on either side
 # parts of a step of that grid where it matters, and how often: some hundredths of a second of a minute, less
 # than what moves an edge by its noise
-VARIANTS, ROUNDS = 5, 3
+VARIANTS, ONSET_ROUNDS = 5, 3
 PERIODS, FINE = 4.0, 64.0  # of the cutoff: an edge's half width, points in each
 VARIANTS_LENGTHS = 3  # likewise of a gradual one's length
 RAMPS = ((1.0, 1), (0.5, 5), (0.25, 7))  # shares of the flight that a gradual one takes, starts of each

@@ -17,7 +17,7 @@ from coaxlink.mavlink.identity import uid_of
 
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
 TWO_BEATS_S = 2.2  # vehicles beat once a second: in this time one is heard even if a beat is lost
-MOST = 16  # addresses that are kept track of
+MOST_ADDRESSES = 16  # addresses that are kept track of
 ASK_S, ASK_MOST_S = 0.4, 2.0  # between questions to an address: doubled each time, up to the second
 DOUBT_S = 2.0  # one who was asked and has not answered for so long hears nothing: three questions
 _DOUBLED = 8
@@ -147,7 +147,7 @@ class Strangers:
 
     def _make_room(self) -> None:
         """With too many, the one that never answered and was heard longest ago goes."""
-        if len(self._by_address) > MOST:
+        if len(self._by_address) > MOST_ADDRESSES:
             others = sorted(self._by_address.values(), key=lambda s: (s.answers, s.heard_s))
             new = next(reversed(self._by_address))
             del self._by_address[next(s.address for s in others if s.address != new)]

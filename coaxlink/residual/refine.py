@@ -32,9 +32,8 @@ from coaxlink.premises import (
     unseen,
 )
 from coaxlink.premises.moves import UNKNOWN
-from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.channels.flight import flight_frame, flown
-from coaxlink.residual.channels.row_order import in_order_of_time
+from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many

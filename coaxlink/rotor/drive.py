@@ -27,7 +27,7 @@ Torque = Callable[[int, Array, Array], Array]  # of the upper (0) or the lower (
 
 # of the tabulated speeds: a full pack has 1.15 of the usual voltage
 POINTS, MOST_COMMAND, FASTEST = 81, 1.2, 1.25
-ROUNDS, HALVINGS = 3, 22  # of both speeds in turn; of a command's interval: to 3e-7 of it
+SPEED_ROUNDS, HALVINGS = 3, 22  # of both speeds in turn; of a command's interval: to 3e-7 of it
 STRAIGHT = (0.0, 1.0)
 
 
@@ -104,7 +104,7 @@ class Drive:
         grid = np.linspace(0.0, MOST_COMMAND, POINTS)
         upper, lower = np.meshgrid(grid, grid, indexing="ij")
         u, v = upper.copy(), lower.copy()
-        for _ in range(ROUNDS):  # each rotor's speed bears only a little on the other's torque
+        for _ in range(SPEED_ROUNDS):  # each rotor's speed bears only a little on the other's torque
             u = _solved(partial(self._upper_at, v=v, torque=torque), upper)
             v = _solved(partial(self._lower_at, u=u, torque=torque), lower)
         return SpeedTable(np.stack([u, v]))

@@ -27,10 +27,7 @@ LEAST_ROWS, LEAST_SPAN = 8, 0.3  # rows and range of throttle that tell a bend
 SURE = 0.02  # of the speed at full throttle, its standard error: what two rpm sensors are apart
 BENT = 0.05  # of full speed, between a throttle and the speed it gives: more is said
 DRIVEN = 0.6  # of the torque that the rotor has alone at its speed: below, the wake helps to turn it
-HUBER, ROUNDS = (
-    2.5,
-    12,
-)  # deviations beyond which a row counts less (Huber 1964); reweightings
+HUBER, REWEIGHTINGS = 2.5, 12  # deviations beyond which a row counts less (Huber 1964); effort
 PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
 WATTS_ROWS = 12  # rows; five terms are fitted to them, and a part of the rows left out in turn
@@ -215,7 +212,7 @@ def _form(n: Array, q: Array | None, y: Array, order: int, terms: int) -> _Form:
 def _weights(X: Array, y: Array) -> Array:
     """(rows,) square roots of Huber's weights."""
     w = np.ones(len(y))
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         left = y - X @ np.linalg.lstsq(X * w[:, None], y * w, rcond=None)[0]
         scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
         w = np.sqrt(np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)))

@@ -36,6 +36,7 @@ class ChosenLaw:
     law: str  # fitted, balanced or standard
     fit: FittedTable | None
     why: str
+    fitted: FittedTable  # the fitted table, chosen or not
 
     def to_json(self) -> dict[str, Any]:
         """The key `chosen` of the JSON of `table`."""
@@ -62,12 +63,12 @@ def choose_law(
         f"({YAW_SHARE:.0%} is the least)"
     )
     if fitted.ceiling_N >= ceiling and fitted.limits[2].moment_Nm >= yaw:
-        return ChosenLaw("fitted", fit, f"the fitted table: {has}")
+        return ChosenLaw("fitted", fit, f"the fitted table: {has}", fit)
     between = search.with_margins(fit, ceiling, yaw)
     if between is None:
         why = f"the standard table, not the fitted one: {has}; no table near the fitted one keeps both"
-        return ChosenLaw("standard", None, why)
-    return ChosenLaw(BALANCED, between, f"the balanced table, not the fitted one: {has}")
+        return ChosenLaw("standard", None, why, fit)
+    return ChosenLaw(BALANCED, between, f"the balanced table, not the fitted one: {has}", fit)
 
 
 def balanced_fit(

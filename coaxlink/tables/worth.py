@@ -8,7 +8,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.demands import Commands, law_commands
 from coaxlink.mixer.exact import ExactLaw
-from coaxlink.mixer.fitted import px4_columns
+from coaxlink.mixer.fitted import FittedTable, px4_columns
 from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, weigh
 from coaxlink.tables.default_law import choose_law
 from coaxlink.tables.px4 import px4_commands, px4_table, report_px4
@@ -29,6 +29,7 @@ class Worths:
     left_out: dict[str, str]  # table: why it cannot be made
     own_curve: float | None  # THR_MDL_FAC of the curved table
     chosen: str = "standard"  # the row that `coaxlink table` writes where no law is named
+    fit: FittedTable | None = None  # of the row `fitted`
 
     def named(self, name: str) -> Worth | None:
         """A row, None where it could not be made."""
@@ -57,7 +58,7 @@ def px4_worths(
     airframe = vehicle.airframe
     tables: dict[str, px4.Px4Table] = {DEFAULTS: default_table(airframe)}
     left_out: dict[str, str] = {}
-    chosen = "standard"
+    chosen, fit = "standard", None
     for law in ("standard", CURVED, "reduced"):
         try:
             tables[law] = px4_table(vehicle, law)
@@ -65,11 +66,10 @@ def px4_worths(
             left_out[law] = str(error)
     try:
         best = choose_law(vehicle, lambda law, fit: px4_commands(report_px4(vehicle, law, fit=fit).mix))
-        chosen = best.law
+        chosen, fit = best.law, best.fitted
         if best.fit is not None:
             tables[chosen] = px4_columns(airframe, best.fit)
-        if "fitted" not in tables:
-            tables["fitted"] = px4_table(vehicle, "fitted")
+        tables["fitted"] = px4_columns(airframe, fit)
     except InputError as error:
         left_out["fitted"] = str(error)
     commands: dict[str, Commands] = {} if board is None else {ON_BOARD: board}
@@ -82,7 +82,7 @@ def px4_worths(
     commands[LIVE] = law_commands(ExactLaw(vehicle), vehicle, full)
     rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in commands.items())
     curved = tables.get(CURVED)
-    return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac, chosen)
+    return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac, chosen, fit)
 
 
 def default_table(airframe: Airframe) -> px4.Px4Table:

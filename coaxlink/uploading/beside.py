@@ -16,6 +16,7 @@ from coaxlink.tables.behaviour import Behaviour, behaviour
 from coaxlink.tables.px4 import TableReport, px4_commands, report_px4
 from coaxlink.uploading.ardupilot_scripts import await_loader, matrix_script
 from coaxlink.uploading.ardupilot_table import present_table
+from coaxlink.uploading.plan import refuse_ignored
 from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
 from firmware_params import px4
@@ -70,9 +71,15 @@ def beside_ap(
 
 
 def commands_on_board(vehicle: Vehicle, session: Session) -> Commands:
-    """How the autopilot of a session mixes now. Raises LinkError, InputError."""
+    """How the autopilot of a session mixes now.
+
+    Raises LinkError; InputError for a table that is none or another vehicle's; SafetyRefusal where it flies
+    another mixer than the table that it holds.
+    """
     if session.identity.is_px4:
-        return _px4_on_board(vehicle, present_px4(session))
+        board = present_px4(session)
+        refuse_ignored(session.identity, board)
+        return _px4_on_board(vehicle, board)
     return _ap_on_board(vehicle, *present_ap(session))
 
 

@@ -26,7 +26,7 @@ from coaxlink.uploading.restore_choice import Choice
 from firmware_params.ardupilot.scripts import file_crc
 
 LOSSY = 0.005  # of the messages: a line that loses more is given longer
-ROUNDS = 3  # write, read back, and mend what another writer or a late packet changed
+WRITES = 3  # write, read back, and mend what another writer or a late packet changed
 Guard = Callable[[], None]  # raises when the write must stop
 
 
@@ -191,7 +191,7 @@ class Board(ABC):
         found = dict(known)
         if not found:  # nothing is sure: see first what there is to do
             found = self.parameters.read_many(values, missing_ok=True)
-        for round_ in range(ROUNDS):
+        for round_ in range(WRITES):
             todo = self._missed(values, found)
             if round_ and todo:
                 self.parameters.again += len(todo)

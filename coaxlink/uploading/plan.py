@@ -141,6 +141,14 @@ def refuse_vehicle(plan: Plan, identity: Identity) -> None:
         )
 
 
+def refuse_ignored(identity: Identity, present: Mapping[str, Number]) -> None:
+    """Raise SafetyRefusal where a PX4 flies a mixer file, whatever table its parameters hold."""
+    if identity.version and identity.version < (1, 14, 0) and not present.get("SYS_CTRL_ALLOC", 1):
+        raise SafetyRefusal(
+            f"{identity.name} ignores the table while SYS_CTRL_ALLOC is 0: set it to 1 and reboot"
+        )
+
+
 def refuse_table(
     plan: Plan, identity: Identity, board: Mapping[str, Value], *, new_geometry: bool = False
 ) -> None:
@@ -154,10 +162,7 @@ def refuse_table(
             f"{identity.name} has no parameter {unknown[0]} ({len(unknown)} of the table's are unknown)"
         )
     present = {name: value.value for name, value in board.items()}
-    if identity.version and identity.version < (1, 14, 0) and not present.get("SYS_CTRL_ALLOC", 1):
-        raise SafetyRefusal(
-            f"{identity.name} ignores the table while SYS_CTRL_ALLOC is 0: set it to 1 and reboot"
-        )
+    refuse_ignored(identity, present)
     now, wanted = int(present.get("CA_ROTOR_COUNT", 0)), plan.rotor_count
     if wanted is not None and now not in (0, wanted):
         raise SafetyRefusal(

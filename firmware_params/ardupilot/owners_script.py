@@ -19,7 +19,7 @@ from firmware_params.plain import plain
 
 STEPS, MEMORY = 2_000_000, 32 << 20  # Lua instructions a call; bytes
 LARGEST = 1e9  # a factor: ArduPilot makes shares of them, so millionths are as good; infinities are not
-ROUNDS = 5  # a script may set its matrix in a function that it schedules
+SCHEDULED = 5  # a script may set its matrix in a function that it schedules
 _PRELUDE = """
 local c, steps = ...
 local quiet = setmetatable({}, { __index = function() return function() end end })
@@ -153,7 +153,7 @@ def own_matrix(text: str, params: Mapping[str, float] | None = None) -> OwnMatri
         function, error = made if isinstance(made, tuple) else (made, None)
         if function is None:
             raise TableError(f"the script is no Lua: {plain(str(error), 120)}")
-        for _ in range(ROUNDS):
+        for _ in range(SCHEDULED):
             ok, again, _wait = lua["call"](function)
             if not ok:
                 raise TableError(f"the script fails: {plain(str(again), 120)}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-MOST = 48 * 1024 * 1024  # bytes of one log: an hour and more; further on nothing is written
+MOST_BYTES = 48 * 1024 * 1024  # bytes of one log: an hour and more; further on nothing is written
 KEPT = 20  # logs; the oldest goes
 
 
@@ -70,7 +70,7 @@ class Logger:
         elif self._changed:
             self._log += self.parameters(list(dict.fromkeys(self._changed)))
         self._changed.clear()
-        if len(self._log) < MOST:
+        if len(self._log) < MOST_BYTES:
             self._log += self.rows(now_us)
 
     def close(self) -> None:

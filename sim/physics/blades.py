@@ -110,7 +110,7 @@ def below(u, slope, drag, inner_flow, outer_flow, edge2, climb, jet, b):
     return (loads[0] - rest, loads[1], loads[2]), fresh_in, fresh_out
 
 
-STEPS, ROUNDS = 0.8, 4000  # a step of the stand's air against its own time, and how many at the most
+STEPS, STEPS_AT_MOST = 0.8, 4000  # a step of the stand's air against its own time, and how many at the most
 
 
 @cached(**OPTIONS)
@@ -122,7 +122,7 @@ def settled(speed, lift, drag, b, climb, edge, out):
     edge2, pace = edge * edge, STEPS * b[RADIUS] / (b[TIP] + abs(climb) + abs(edge))
     for r in range(speed.shape[1]):
         flow, ahead, first = np.zeros(3), np.zeros(3), np.zeros(3)
-        for k in range(2 * ROUNDS + 1):  # Heun's steps, short against the air's time
+        for k in range(2 * STEPS_AT_MOST + 1):  # Heun's steps, short against the air's time
             at = ahead if k % 2 else flow
             back = reaching_back(at[1], at[2], b)
             jet = jet_of(at[0], climb, edge2, b)
@@ -132,7 +132,7 @@ def settled(speed, lift, drag, b, climb, edge, out):
             if k % 2:
                 flow = flow + (first + slope) * (0.5 * pace)
                 continue
-            if np.max(np.abs(slope)) * pace < 1e-11 or k == 2 * ROUNDS:
+            if np.max(np.abs(slope)) * pace < 1e-11 or k == 2 * STEPS_AT_MOST:
                 break
             first = slope
             ahead = flow + first * pace

@@ -46,7 +46,8 @@ class Reader:
 
     def start(self, *arguments: str) -> None:
         """A vehicle on the line, instead of the last one; in flight it waits for a busy machine."""
-        self.address = f"udpout:127.0.0.1:{self.stack.enter_context(standin('--lockstep', *arguments))}"
+        port = self.stack.enter_context(standin("--lockstep", "--speed", "4", *arguments))
+        self.address = f"udpout:127.0.0.1:{port}"
 
     def follow(self, page: str) -> None:
         """Type a page from top to bottom."""

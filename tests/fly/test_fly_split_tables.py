@@ -12,9 +12,12 @@ from live_flight import CRM, EXAMPLES, X8, Flight
 from memory_net import plugged
 from verb import run
 
+from coaxlink.cli.sim import coax_firmware
 from coaxlink.errors import InputError
 from coaxlink.fly.split_answer import Dwells
 from coaxlink.fly.table_flights import compare_tables, flights_for
+from coaxlink.live.onboard.description import board_law
+from coaxlink.live.onboard.px4 import module_files
 from coaxlink.mixer.split import table_of
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle
@@ -96,9 +99,54 @@ def test_the_verb_flies_two_tables_on_a_px4_that_is_not_mixed_live(capsys: Any, 
         done.append(tmp_path / f"{number}.json")
     found = json.loads(done[-1].read_text())["split"]
     assert "of the thrust from above takes" in said
+    assert found["escs"]["ratio"] == pytest.approx(1.0, abs=0.03)
     assert found["flights"] == [2, 2] and found["shares"][1] == pytest.approx(0.6, abs=0.01)
     truth = [shaft_watts(vehicle, share) for share in found["shares"]]
     assert found["saving"] == pytest.approx(1.0 - truth[1] / truth[0], abs=0.01)
+
+
+@pytest.mark.parametrize(("firmware", "acts"), [("px4:1.13", 0), ("px4:1.13", 1), ("px4:1.16", None)])
+def test_a_table_that_px4_ignores_is_not_flown_in_turn(
+    capsys: Any, tmp_path: Path, firmware: str, acts: int | None
+) -> None:
+    class Board(Flight):
+        def prepare(self) -> None:
+            super().prepare()
+            if acts is not None:
+                self.autopilot.store.write("SYS_CTRL_ALLOC", 6, acts)
+
+    Board.firmware = firmware
+    flight = Board(airborne=False)
+    words = ["fly", "--plan", "split", "--tables", "--minutes", 1.6, "--connect", flight.url()]
+    with plugged(flight.net):
+        code, _, err = run(capsys, *words, "--airframe", FRAME, "--no-log", "--dry-run", "--out", tmp_path)
+    if acts == 0:
+        assert code == 4 and "ignores the table while SYS_CTRL_ALLOC is 0" in err, err
+    else:
+        assert code == 0, err
+    assert not flight.autopilot.armed
+
+
+@pytest.mark.slow
+def test_tables_are_not_flown_in_turn_while_the_module_has_the_motors(capsys: Any, tmp_path: Path) -> None:
+    vehicle = Vehicle(X8, CRM)
+
+    class Board(Flight):
+        firmware = "px4:1.16"
+
+        def prepare(self) -> None:
+            a = self.autopilot
+            a.firmware_module = coax_firmware(vehicle)
+            a.store.write("MPC_THR_HOVER", 9, board_law(vehicle).hover)
+            extras = module_files(board_law(vehicle), "tests")["etc/extras.txt"]
+            a.files.files["etc/extras.txt"] = extras.encode()
+            a.boot()
+
+    flight = Board(airborne=False)
+    words = ["fly", "--plan", "split", "--tables", "--minutes", 1.6, "--connect", flight.url()]
+    with plugged(flight.net):
+        code, _, err = run(capsys, *words, "--airframe", FRAME, "--no-log", "--dry-run", "--out", tmp_path)
+    assert code == 4 and "module flies the motors" in err and "--tables" in err, err
 
 
 def shaft_watts(vehicle: Vehicle, share: float) -> float:

@@ -10,7 +10,7 @@ int main(int argc, char **argv)
 	static BoardLaw law(NUMBERS<float>, NUMBERS<double>, std::atoi(argv[argc - 1]));
 
 	law.without(static_cast<uint32_t>(std::atoi(argv[1])));
-	double demand[4], out[4 * ARMS + 4];
+	double demand[4], out[4 * ARMS + 5];
 
 	while (std::fread(demand, sizeof(demand), 1, stdin) == 1) {
 		float single[4];
@@ -30,6 +30,7 @@ int main(int argc, char **argv)
 		out[n++] = law.fell_back;
 		out[n++] = law.work;
 		out[n++] = took.count();
+		out[n++] = law.looks;
 		std::fwrite(out, sizeof(out), 1, stdout);
 	}
 }

@@ -35,6 +35,7 @@ class Answers:
     fell_back: NDArray[np.bool_]
     passes: Array  # over the arms
     micros: Array
+    looks: Array  # all round, since start
 
 
 def demands(rows: int, seed: int = 1) -> dict[str, Array]:
@@ -78,9 +79,9 @@ def on_board(program: Path, rows: Array, failed_slots: int = 0, budget: int = BU
         capture_output=True, check=True,
     )  # fmt: skip
     table = np.frombuffer(run.stdout).reshape(len(rows), -1)
-    settled, fell_back, passes, micros = table[:, -4:].T
-    speeds, commands = np.split(table[:, :-4], 2, axis=1)
-    return Answers(speeds, commands, settled > 0, fell_back > 0, passes, micros)
+    settled, fell_back, passes, micros, looks = table[:, -5:].T
+    speeds, commands = np.split(table[:, :-5], 2, axis=1)
+    return Answers(speeds, commands, settled > 0, fell_back > 0, passes, micros, looks)
 
 
 def in_python(vehicle: Vehicle, rows: Array, failed: tuple[int, ...] = ()) -> tuple[Array, NDArray[np.bool_]]:

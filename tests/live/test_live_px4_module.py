@@ -6,15 +6,18 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
-from board_law import WARNINGS, build, compare
+from board_law import WARNINGS, build, compare, on_board
 from verb import run
 
 from coaxlink.errors import InputError
 from coaxlink.files import example
 from coaxlink.live.onboard.description import airframe_hash, board_law, board_vehicle
 from coaxlink.live.onboard.px4 import module_files
-from coaxlink.vehicle import load_vehicle
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.drive import Drive, SideDrive
+from coaxlink.vehicle import Vehicle, load_vehicle
 
 X8 = load_vehicle(example("x8_paper.toml"))
 NUTTX = Path(__file__).parents[1] / "helpers" / "nuttx_cxx"  # of C++'s library, what PX4 on a board has
@@ -34,6 +37,44 @@ def test_law_on_board_is_the_python_law(tmp_path):
             assert found["settled"] > 0.97 and found["worst"] < 1e-4, found
         else:
             assert found["settled"] > 0.75 and found["within"] > 0.95, found
+
+
+# the lower rotor pulls down beneath half of the upper one's speed; the wake first brakes it, then turns it
+WAKE = RotorModel.from_terms(
+    "crm",
+    5400.0,
+    {
+        "upper.thrust_N": {"u_u^2": 60.0},
+        "upper.torque_Nm": {"u_u^2": 1.2},
+        "lower.thrust_N": {"u_l^2": 60.0, "u_u u_l": -30.0},
+        "lower.torque_Nm": {"u_l^2": 1.2, "u_u u_l": 0.8, "u_u^2 u_l": -0.8},
+    },
+    drive=Drive(SideDrive((0.0, 0.5, 0.3), 0.15), SideDrive((0.0, 0.5, 0.2), 0.25)),
+)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("dead", [3, 8])
+def test_law_on_board_knows_what_an_arm_does_of_which_a_rotor_stands_still(tmp_path, dead):
+    about = board_law(Vehicle(X8.airframe, WAKE))
+    host, slots = build(tmp_path, about, *SANE), about.units.slots
+    rng, weight = np.random.default_rng(dead), 9.81 * X8.airframe.mass_kg
+    given = rng.uniform([0.9, -4, -4, -0.5], [1.1, 4, 4, 0.5], (40, 4)) * [weight, 1, 1, 1]
+    given[-1] = [8 * weight, 0, 0, 0]
+    ours = on_board(host, given[:, about.units.order] / about.units.scale, 1 << int(slots[dead - 1]))
+    speeds, commands = ours.speeds[:, slots], ours.commands[:, slots]
+    upper, lower = np.array([(0, 5), (1, 4), (2, 7), (3, 6)]).T
+    pull, drag = np.zeros((40, 8)), np.zeros((40, 8))
+    a, b = speeds[:, upper], speeds[:, lower]
+    pull[:, upper], drag[:, upper] = 60 * a * a, 1.2 * a * a
+    pull[:, lower], drag[:, lower] = 60 * b * b - 30 * a * b, 1.2 * b * b + 0.8 * a * b - 0.8 * a * a * b
+    place = np.array([r.position_m for r in X8.airframe.rotors])
+    spin = np.array([1, -1, 1, -1, 1, -1, 1, -1])  # of x8_paper.toml
+    got = np.stack([pull.sum(1), -pull @ place[:, 1], pull @ place[:, 0], drag @ spin], axis=1)
+    assert not speeds[:, dead - 1].any()
+    assert np.abs(got - given)[:-1].max() < 0.01  # N, N m
+    assert commands[-1, 10 - dead] == pytest.approx(1.0, abs=2e-3)  # the other of the arm
 
 
 @needs_compiler

@@ -234,11 +234,11 @@ def test_half_a_frame_from_elsewhere_swallows_nothing():
 
 def test_a_flood_of_addresses_is_borne_in_bounded_memory():
     with listening() as (session, board):
-        packer, count = m.MAVLink(None, 1, 1), 3 * strangers.MOST
+        packer, count = m.MAVLink(None, 1, 1), 3 * strangers.MOST_ADDRESSES
         for _ in range(count):
             board.net.send(BEAT.pack(packer), board.net.address(), board.line)
         until(session, lambda: session.bound.strangers.datagrams >= count)
-        assert len(list(session.bound.strangers)) == strangers.MOST
+        assert len(list(session.bound.strangers)) == strangers.MOST_ADDRESSES
         assert 0 < len(session.bound.news()) <= 8
         confirm(session)
 

@@ -1,11 +1,14 @@
 """The exact law on a pair whose lower rotor pulls down in the wake: it never answers with less."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from coaxlink.airframe import load_airframe
 from coaxlink.files import example
+from coaxlink.library import identify
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.mixer import make_law
 from coaxlink.mixer.exact import ExactLaw
@@ -99,6 +102,24 @@ def test_live_mixing_commands_what_the_drive_needs_for_the_speeds_of_the_law():
     for i, (u, q) in enumerate(zip(core.speeds, torque, strict=True)):
         c0, r = (0.02, 0.08) if X8.airframe.rotors[i].level == "upper" else (0.03, 0.06)
         assert sent[i] == pytest.approx(c0 + 0.5 * u + 0.3 * u * u + r * q, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dead", [3, 7])
+def test_what_the_other_rotors_can_give_is_had_where_one_stands_still(tmp_path, dead):
+    stand = Path(__file__).parents[3] / "shared" / "data" / "coax" / "mn4014_16in_zD07.csv"
+    if not stand.exists():
+        pytest.skip("the public stand maps are not here")
+    text = example("x8_paper.toml").read_text().replace("mass_kg = 20.0", "mass_kg = 7.34")
+    (tmp_path / "x8.toml").write_text(text.replace("0.1807", "0.3203"))
+    vehicle = Vehicle(load_airframe(tmp_path / "x8.toml"), identify(str(stand)).model)
+    law, frame = ExactLaw(vehicle, failed=[dead]), vehicle.airframe
+    commands = np.random.default_rng(dead).random((500, 8))
+    commands[:, dead - 1] = 0.0
+    demands = frame.wrench(*frame.loads(vehicle.model, vehicle.turned(commands)))
+    got = frame.wrench(*frame.loads(vehicle.model, law.many(demands)))
+    off = np.abs(got - demands) / (7.34 * 9.81 * np.array([1.0, 0.45, 0.45, 0.45]))
+    assert off.max() < 0.005, np.flatnonzero(off.max(axis=1) > 0.005)
 
 
 class Idle:

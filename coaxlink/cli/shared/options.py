@@ -46,6 +46,7 @@ OPTIONS = {
     "speed_max_rpm": "--speed-max-rpm",
     "split_reach": "--split-reach",
     "system": "--system",
+    "tables": "--tables",
     "take_over": "--take-over",
     "target_system": "--system",
     "template": "--template",

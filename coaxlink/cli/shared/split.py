@@ -115,6 +115,10 @@ class Split:
             return {}
         readings: dict[str, Any] = {"source": "BATTERY_STATUS", "readings": len(self._flight.record.rows)}
         try:
+            readings["escs"] = self._flight.record.escs().as_json()
+        except InputError as error:
+            readings["escs"] = {"why": str(error)}
+        try:
             readings["dwell_rows"] = self._flight.record.dwells().as_json()
             return {"split": {**self.answer().as_json(), **readings}}
         except InputError as error:
@@ -129,6 +133,7 @@ class Split:
         from coaxlink.report.split import split_figure
 
         if self._tables and not self._two_of_each():
+            self._tell_escs()
             self._tell_next_table()
             return
         try:
@@ -144,6 +149,7 @@ class Split:
             "it rests on BATTERY_STATUS: a current sensor scaled wrong changes the watts, not the share "
             "or the per cent"
         )
+        self._tell_escs()
         picture = out / "split.png"
         write_figure(picture, split_figure(answer))
         say(f"wrote {picture}")
@@ -157,6 +163,15 @@ class Split:
             )
         elif answer.at_edge:
             say("then this plan once more, with that table on board: it begins at its split")
+
+    def _tell_escs(self) -> None:
+        """The other measurement of the same current, or why there is none."""
+        assert self._flight is not None
+        try:
+            for line in self._flight.record.escs().words():
+                say(line)
+        except InputError as error:
+            say(f"not held against the ESCs' amps: {error}")
 
     def _say_table(self, share: float) -> None:
         say(
@@ -191,6 +206,7 @@ class Split:
         from coaxlink.fly.table_flights import SEEN, flights_for
 
         console().print(answer.words(), soft_wrap=True)
+        self._tell_escs()
         need, flown = flights_for(SEEN, answer.scatter), answer.flights
         say(
             f"two hovers with one table are within {100 * answer.scatter:.1f} % of one another: {need} "

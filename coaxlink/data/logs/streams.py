@@ -27,7 +27,7 @@ MOST_EMPTY = 100  # periods a motor command: a log with more pauses than this ha
 GAP_PERIODS = 5.0  # a pause longer than this many periods of a series is a gap, not jitter
 # what no sensor of a vehicle reads, in the units of our columns: accelerometers go to 200 g, gyros to
 # 4000 deg/s; beyond is a damaged message
-MOST = {"accel": 2e3, "gyro": 100.0, "vel": 1e3, "height": 1e5, "voltage": 2e3, "rpm": 1e6}
+MOST_BY_QUANTITY = {"accel": 2e3, "gyro": 100.0, "vel": 1e3, "height": 1e5, "voltage": 2e3, "rpm": 1e6}
 RARE_S = 0.25  # between two speeds of a rotor, which settles within a tenth of that
 SELDOM = 0.1  # of the changes may follow another at once: rounding makes some pause, holding makes all
 
@@ -113,7 +113,7 @@ def possible(others: Sequence[TimeSeries | None], premises: list[str]) -> list[T
     for one in others:
         if one is None:
             continue
-        limits = {name: MOST.get(re.split(r"[_\d]", name)[0], np.inf) for name in one.columns}
+        limits = {name: MOST_BY_QUANTITY.get(re.split(r"[_\d]", name)[0], np.inf) for name in one.columns}
         sound = np.logical_and.reduce([np.abs(one.columns[n]) <= limits[n] for n in limits])
         if sound.all():
             found.append(one)

@@ -18,8 +18,8 @@ from coaxlink.errors import InputError
 from coaxlink.live.mixer_core import DemandScale
 from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.edge import Edge
-from coaxlink.mixer.exact import ExactLaw
-from coaxlink.mixer.exact.arms import Units
+from coaxlink.mixer.exact import PRIORITY, ExactLaw
+from coaxlink.mixer.exact.arms import Units, scaled
 from coaxlink.mixer.exact.solver import Arms
 from coaxlink.vehicle import Vehicle, refuse_live
 
@@ -36,6 +36,15 @@ class BoardVehicle:
 
 
 @dataclass(frozen=True)
+class Bereft:
+    """Arms of which a rotor stands still, in the coordinates of the whole arm: a motor may fail in flight."""
+
+    place: NDArray[np.float64]  # (K, 2) bounds of s beneath a still upper rotor, which takes no torque off it
+    surface: NDArray[np.float64]  # (K, M, order_u + 1) above a still lower rotor, by powers of u
+    power: NDArray[np.float64]  # (K, power_u + 1)
+
+
+@dataclass(frozen=True)
 class BoardLaw(BoardVehicle):
     """The exact law of a vehicle in the solver's own units, and what a demand means in them."""
 
@@ -44,6 +53,7 @@ class BoardLaw(BoardVehicle):
     wrench: NDArray[np.float64]  # (4, 4) N and N m [thrust, roll, pitch, yaw] per [roll, pitch, yaw, thrust]
     hover: float  # thrust demand that lifts the weight
     edge: Edge  # what motors are told for speeds
+    bereft: Bereft
 
     @property
     def demand(self) -> NDArray[np.float64]:
@@ -73,8 +83,38 @@ def board_law(vehicle: Vehicle) -> BoardLaw:
     if not 0.05 < hover < 0.95:
         problem = f"{weight:.0f} N is {hover:.2f} of what the rotors lift: 0.05 to 0.95 is expected"
         raise InputError(frame.source or frame.name, "mass_kg", problem)
-    of = board_vehicle(vehicle.declared)
-    return BoardLaw(of.name, of.identity, of.rotors, arms, units, wrench, hover, Edge.of(vehicle))
+    of, bereft = board_vehicle(vehicle.declared), _bereft(vehicle, arms)
+    return BoardLaw(of.name, of.identity, of.rotors, arms, units, wrench, hover, Edge.of(vehicle), bereft)
+
+
+def _bereft(vehicle: Vehicle, arms: Arms) -> Bereft:
+    """As `scaled` has arms with all their upper, and with all their lower rotors failed."""
+    frame = vehicle.airframe
+    upper, lower = (
+        scaled(
+            vehicle,
+            low=0.0,
+            high=1.0,
+            failed=[frame.rotors[pair[side]].number for pair in frame.pairs],
+            priority=PRIORITY,
+        )[0]
+        for side in (0, 1)
+    )
+    least, span = arms.line[:, 0], arms.line[:, 2] - arms.line[:, 0]
+    place = np.zeros((arms.size, 2))
+    for end in (0, 1):
+        np.divide(upper.line[:, 2 * end] - least, span, out=place[:, end], where=span > 0.0)
+    return Bereft(
+        place,
+        _at_rest(lower.surface, (lower.order_u, lower.order_s), arms.order_u),
+        _at_rest(lower.power, (lower.power_u, lower.power_s), arms.power_u),
+    )
+
+
+def _at_rest(c: NDArray[np.float64], orders: tuple[int, int], order_u: int) -> NDArray[np.float64]:
+    """(..., order_u + 1) by powers of u at s = 0, of coefficients (..., T)."""
+    by_u = c.reshape(*c.shape[:-1], orders[0] + 1, orders[1] + 1)[..., 0]
+    return np.pad(by_u, [(0, 0)] * (by_u.ndim - 1) + [(0, order_u - orders[0])])
 
 
 def airframe_hash(frame: Airframe) -> int:

@@ -74,16 +74,19 @@ class ExactLaw:
         ]
         self._slots, self._lines = self.units.slots.tolist(), self.arms.line.tolist()
         self._weight = vehicle.airframe.mass_kg * GRAVITY_M_S2
+        # where rotors stand still too: a hover without them leaves others at their bounds, from which not all
+        # that can be had is found
+        whole = scaled(vehicle, low=low, high=high, failed=(), priority=priority)[0] if failed else self.arms
+        self.arms.home[:] = np.clip(self._hover(whole), self.arms.lo, self.arms.hi)
         self.reset()
-        self._settle_home()
 
     def __repr__(self) -> str:
         how = "compiled" if self.compiled else "in Python"
         return f"ExactLaw({len(self._slots)} rotors, {how}; hovers at {self._weight:.1f} N)"
 
-    def _settle_home(self) -> None:
-        """Find where the vehicle hovers: what calls begin from."""
-        arms, state = as_lists(self.arms), as_lists(standing(self.arms))
+    def _hover(self, numbers: solver.Arms) -> NDArray[np.float64]:
+        """(2K,) where the vehicle hovers: what calls begin from."""
+        arms, state = as_lists(numbers), as_lists(standing(numbers))
         for j, (axis, inverse) in enumerate(self._ranks):
             state.mu[j] = self._weight * inverse if axis == 0 else 0.0
         before = 1e300
@@ -93,12 +96,7 @@ class ExactLaw:
             solver.solve(arms, state, STEPS)
             solver.miss(arms, state)
             before = solver.better(arms, state, before)
-        state.x[:] = state.best
-        self.arms.home[:] = state.best
-        solver.miss(arms, state)
-        rank = next(j for j, (axis, _) in enumerate(self._ranks) if axis == 0)
-        self.hover_miss_N = float(state.miss[rank]) / self._ranks[rank][1]
-        self.reset()
+        return np.array(state.best)
 
     def reset(self) -> None:
         """Forget the last solution: the next call starts from hover."""

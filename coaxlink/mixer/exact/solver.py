@@ -89,7 +89,7 @@ CURVATURE = 0.05  # least curvature of an arm's block
 NO_PIVOT = 1e-14  # rounding of a double
 TINY_PIVOT = 1e-9  # the axis cannot be moved by the rotors still free
 RIDGE = 1e-9  # on the Schur complement where the free rotors cannot move an axis
-ROUNDS = 6  # active-set rounds before the sure way
+ACTIVE_SET_ROUNDS = 6  # before the sure way
 CLIMBS, CUTS = 30, 40  # Newton steps on the dual; trials along each
 STEP_DONE = 2e-3  # the next quadratic step would be about its square
 GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
@@ -358,7 +358,7 @@ def quadratic_step(p, s, lo, hi):
 
     A few primal-dual rounds from the last active set, nearly always one; else the sure way.
     """
-    for rounds in range(ROUNDS):
+    for rounds in range(ACTIVE_SET_ROUNDS):
         assemble(p, s, lo, hi)
         fix_given_up(p, s)
         if factor(s, TINY_PIVOT) >= 0:
@@ -372,7 +372,7 @@ def quadratic_step(p, s, lo, hi):
             break
         if revise(p, s, lo, hi) == 0:
             return rounds + 1
-    rounds = ROUNDS + climb(p, s, lo, hi)
+    rounds = ACTIVE_SET_ROUNDS + climb(p, s, lo, hi)
     # leave the factor of the settled set behind, for the corrections
     assemble(p, s, lo, hi)
     fix_given_up(p, s)

@@ -22,8 +22,7 @@ from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import DAMAGED, PREMISES, Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
-from coaxlink.residual.channels.rounded_commands import before_rounding
-from coaxlink.residual.channels.rounding_noise import rounding_noise
+from coaxlink.residual.channels.rounding import before_rounding, rounding_noise
 from coaxlink.residual.channels.strapdown import smoothed_attitude, smoothed_height, smoothed_velocity
 from coaxlink.rotor import RotorModel
 from coaxlink.signals import derivative, difference_gain, lagged, low_pass, noise_floor

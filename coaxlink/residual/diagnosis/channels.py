@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
-from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.parts import Block, beside, waves
 from coaxlink.residual.members import Part
 
 # what an effect adds to a load, before any data: one standard deviation over the reference load
 EFFECT_SIZE = 0.1
+OVER_SPEED = 0.6  # correlation length of what a form may miss over a rotor's speed, in its range
 LOADS = "loads"  # a free form's channel: all of them
 
 
@@ -50,6 +52,16 @@ class Channels:
     def count(self) -> int:
         """Number of channels."""
         return len(self.names)
+
+    @cached_property
+    def over_speeds(self) -> tuple[tuple[Array, Array], ...]:
+        """Of each channel a process over the speeds that its load goes with, of unit variance (`waves`)."""
+        out = []
+        for c, name in enumerate(self.names):
+            speeds = self.speeds[c] if name.startswith("lower") else self.speeds[c][:1]
+            moving = [speeds[0], *(u for u in speeds[1:] if np.ptp(u) > 0.0)]
+            out.append(beside(*(waves(u, OVER_SPEED) for u in moving)))
+        return tuple(out)
 
     def with_map(self, name: str) -> Channels:
         """With another of the map's discrepancies; "": none."""

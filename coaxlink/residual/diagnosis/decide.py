@@ -21,7 +21,7 @@ import numpy as np
 
 from coaxlink.effects.onset import COMES
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.features import MOST, Candidate, Features
+from coaxlink.residual.diagnosis.features import MOST_NATS, Candidate, Features
 from coaxlink.residual.diagnosis.flight_forms import Left
 from coaxlink.residual.diagnosis.flight_search import Flown
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
@@ -173,7 +173,10 @@ def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str
     """
     here = min(found.nats_behind(h) for h in found.sets)
     whole, less = (
-        max(min((found.nats_behind(h) for h in found.sets if h.effects <= some), default=MOST) - here, 0.0)
+        max(
+            min((found.nats_behind(h) for h in found.sets if h.effects <= some), default=MOST_NATS) - here,
+            0.0,
+        )
         for some in ({*apart}, {*apart, FEIGNED})
     )
     return {
@@ -195,7 +198,7 @@ def flown_numbers(
     A set in which the general case is there holds the special one.
     """
     names = {m.name, *rivals, *(general for special, general in IMPLIED if special == m.name)}
-    here, nats = found.nats_behind(lead), MOST
+    here, nats = found.nats_behind(lead), MOST_NATS
     for h in found.sets:
         if not h.effects & names and (rivals or h.effects <= lead.effects):
             nats = min(nats, found.nats_behind(h) - here)
@@ -314,4 +317,4 @@ def _scaled(name: str, value: float) -> float:
     """Nats and standard errors by their logarithm: the twentieth tells more than the thousandth."""
     if name in PLAIN:
         return float(np.clip(value, -10.0, 10.0))
-    return float(np.sign(value) * np.log1p(min(abs(value), MOST)))
+    return float(np.sign(value) * np.log1p(min(abs(value), MOST_NATS)))

@@ -15,11 +15,11 @@ from scipy.signal import lfilter
 
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.parts import Block, beside, products, waves
+from coaxlink.residual.diagnosis.parts import Block, products, waves
 from coaxlink.residual.members import Member
 
 SHARES = (0.2, 0.03)  # of the effect, one standard deviation; each as likely
-OVER_CAUSE, OVER_SPEED = 0.3, 0.6  # correlation lengths, in ranges
+OVER_CAUSE = 0.3  # correlation length, in ranges
 STEADY = 0.5  # of the effect's root mean square: what of the discrepancy is there where the effect is nil
 SEEN = 1e-4  # of the reference load: less of an effect has no discrepancy
 
@@ -33,8 +33,7 @@ def discrepancy(ch: Channels, m: Member, mine: Array, share: float) -> Block | N
             continue
         _, cause = m.effect.cause(ch.bare, m.shape, name)
         z = np.asarray(cause, float)[ch.frame.keep]
-        speeds = ch.speeds[c] if name.startswith("lower") else ch.speeds[c][:1]
-        process = beside(*(waves(u, OVER_SPEED) for u in speeds if np.ptp(u) > 0.0 or u is speeds[0]))
+        process = ch.over_speeds[c]
         if np.ptp(z) > 0.0:
             low, high = np.quantile(z, [0.005, 0.995])
             if high > low:

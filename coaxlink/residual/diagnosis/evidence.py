@@ -1,216 +1,205 @@
 """The marginal likelihood of a linear model with Gaussian priors, its noise levels at their best.
 
-log p(y | H) = log N(y; 0, N + X P X'), by one Cholesky of X' N^-1 X + P^-1 (Rasmussen and Williams 2006,
-eq. 2.8 and 5.8); the noise level of every channel follows MacKay's fixed point (1992,
-Bayesian interpolation).
+log p(y | H) = log N(y; 0, N + X P X'), by X' N^-1 X + P^-1 (Rasmussen and Williams 2006, eq. 2.8 and 5.8);
+the noise level of every channel follows MacKay's fixed point (1992, Bayesian interpolation).
+
+What one channel has for itself, and every hypothesis shares, is turned to its principal directions once: at
+any noise its posterior precision is diagonal, and a hypothesis costs one Schur complement of what channels
+share and of what itself adds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
-from scipy.linalg.lapack import dpotrf, dtrtri
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from coaxlink.frames import Array
 
-ROUNDS = 2
+NOISE_ROUNDS = 2
 JITTER = 1e-11  # of a diagonal: rounding of the products
 MORE_JITTER = (0.0, 1e-9, 1e-7)  # of it again, where many columns are nearly one: rounding grows with them
 
-
-@dataclass(frozen=True)
-class Sums:
-    """What a regression needs of its rows, channel by channel: the columns that it touches, their products.
-
-    `use` holds (P_c,) numbers of columns, of `width` in all, `gram` (P_c, P_c) X'X and `moment` (P_c,) X'y;
-    `power` (C,) is y'y, `rows` (C,).
-    """
-
-    width: int
-    use: Sequence[NDArray[np.intp]]
-    gram: Sequence[Array]
-    moment: Sequence[Array]
-    power: Array
-    rows: Array
+Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Touched:
-    """Of one channel the columns that are not nil, by number, with their rows (P_c, rows) and products."""
-
-    use: NDArray[np.intp]
-    rows: Array
-    gram: Array
-
-
-def by_channel(columns: Array) -> list[Touched]:
-    """Of whitened columns (rows, C, P)."""
-    out = []
-    for c in range(columns.shape[1]):
-        use = np.flatnonzero(columns[:, c].any(axis=0))
-        rows = np.ascontiguousarray(columns[:, c, use].T)
-        out.append(Touched(use, rows, rows @ rows.T))
-    return out
-
-
-def sums_of(
-    base: Sequence[Touched], width: int, further: Sequence[Array], target: Array, rows: Array
-) -> Sums:
-    """Of `width` columns that stay as they are, then others (rows, C, K), on a target (rows, C), whitened, of
-    which `rows` (C,) count.
+class Channel:
+    """What one channel says of the columns that it has for itself, by their principal directions, and of
+    those that it shares or that a hypothesis adds. In units of the prior deviations, at unit noise.
     """
-    starts = width + np.cumsum([0, *(x.shape[-1] for x in further)])
-    uses, grams, moments = [], [], []
-    for c, b in enumerate(base):
-        touched = [np.flatnonzero(x[:, c].any(axis=0)) for x in further]
-        own = [x[:, c, t].T for x, t in zip(further, touched, strict=True)]
-        more = np.concatenate([np.zeros((0, len(target))), *own])
-        cross = b.rows @ more.T
-        uses.append(np.concatenate([b.use, *(t + at for t, at in zip(touched, starts[:-1], strict=True))]))
-        grams.append(np.block([[b.gram, cross], [cross.T, more @ more.T]]))
-        moments.append(np.concatenate([b.rows @ target[:, c], more @ target[:, c]]))
-    power = np.sum(target**2, axis=0)
-    return Sums(int(starts[-1]), uses, grams, moments, power, rows)
+
+    own: Numbers  # (P,) its own columns
+    ways: Array  # (P, P) their principal directions
+    strength: Array  # (P,) information of each direction
+    shared: Numbers  # (S,) the other columns that it touches
+    cross: Array  # (P, S) products of directions with these
+    common: Array  # (S, S)
+    moment: Array  # (P,) of directions with the target
+    right: Array  # (S,)
+    power: float  # of the target
+    rows: float  # that count
+
+    def placed(self, numbers: Numbers) -> Channel:
+        """With its columns under other numbers."""
+        return replace(self, own=numbers[self.own], shared=numbers[self.shared])
+
+
+class Base:
+    """Whitened columns (rows, C, P) with their prior deviations that every hypothesis shares.
+
+    `apart` (P,) are columns that are in the Schur complement, whatever channels touch them.
+    """
+
+    def __init__(self, columns: Array, deviation: Array, apart: NDArray[np.bool_] | bool = False) -> None:
+        self.deviation = deviation
+        touched = np.asarray(columns.any(axis=0))  # (C, P)
+        alone = (touched.sum(axis=0) == 1) & ~np.broadcast_to(apart, deviation.shape)
+        self._parts = []
+        for c, of in enumerate(touched):
+            own, shared = np.flatnonzero(of & alone), np.flatnonzero((of & ~alone) | apart)
+            mine, others = (deviation[n][:, None] * columns[:, c, n].T for n in (own, shared))
+            strength, ways = np.linalg.eigh(mine @ mine.T)
+            self._parts.append((own, ways, np.maximum(strength, 0.0), ways.T @ mine, shared, others))
+        self._products = [(lead @ rows.T, rows @ rows.T) for _, _, _, lead, _, rows in self._parts]
+
+    def beside(self, further: Sequence[tuple[Array, Array]], target: Array, rows: Array) -> list[Channel]:
+        """With further columns (rows, C, K) and their deviations, on a target (rows, C), all whitened, of
+        which `rows` (C,) count.
+        """
+        starts = len(self.deviation) + np.cumsum([0, *(len(d) for _, d in further)])
+        each = [np.asarray(x.any(axis=0)) for x, _ in further]  # (C, K)
+        out = []
+        for c, (own, ways, strength, lead, shared, others) in enumerate(self._parts):
+            touched = [np.flatnonzero(of[c]) for of in each]
+            parts = [(x[:, c, t] * d[t]).T for (x, d), t in zip(further, touched, strict=True)]
+            more, (cross, common) = np.concatenate([others[:0], *parts]), self._products[c]
+            between, y = others @ more.T, target[:, c]
+            out.append(
+                Channel(
+                    own=own,
+                    ways=ways,
+                    strength=strength,
+                    shared=np.concatenate([shared, *(t + a for t, a in zip(touched, starts, strict=False))]),
+                    cross=np.hstack([cross, lead @ more.T]),
+                    common=np.block([[common, between], [between.T, more @ more.T]]),
+                    moment=lead @ y,
+                    right=np.concatenate([others @ y, more @ y]),
+                    power=float(y @ y),
+                    rows=float(rows[c]),
+                )
+            )
+        return out
 
 
 @dataclass(frozen=True)
 class Fit:
     """A linear model at its best noise levels."""
 
-    sums: Sums
+    channels: Sequence[Channel]
     deviation: Array  # (P,) prior
     noise: Array  # (C,) standard deviations
     log_evidence: float
     values: Array  # (P,) posterior means
+    shared: Numbers  # (S,) columns that are in the Schur complement
+    low: Array  # (S, S) its lower Cholesky factor
+
+    def half(self, products: Array, of: Numbers | None = None, channels: slice = slice(None)) -> Array:
+        """(P, K) whose squares are what a model's columns take of further ones, of which they have `products`
+        (P, K), weighted by the noise.
+
+        `of` are the columns that products are of, in order, with the `channels` that touch them; None: all.
+        Those in the Schur complement come last, in their order.
+        """
+        use = np.arange(len(self.deviation)) if of is None else of
+        scaled = products * self.deviation[use][:, None]
+        mine = np.isin(self.shared, use)
+        rest, place = scaled[np.searchsorted(use, self.shared[mine])], np.cumsum(mine) - 1
+        out = []
+        for ch, (root, half) in zip(self.channels[channels], self._halves[channels], strict=True):
+            own = (ch.ways.T @ scaled[np.searchsorted(use, ch.own)]) / root[:, None]
+            rest[place[np.searchsorted(self.shared, ch.shared)]] -= half.T @ own
+            out.append(own)
+        return np.concatenate([*out, _forward(self.low[np.ix_(mine, mine)], rest)])
 
     @cached_property
-    def factor(self) -> Array:
-        """(P, P) lower Cholesky factor of the posterior precision, in units of the prior deviations."""
-        gram = np.zeros((self.sums.width, self.sums.width))
-        for use, own, noise in zip(self.sums.use, self.sums.gram, self.noise, strict=True):
-            gram[np.ix_(use, use)] += own / noise**2
-        gram *= np.outer(self.deviation, self.deviation)
-        return _precision(gram)
+    def _halves(self) -> list[tuple[Array, Array]]:
+        """Of each channel (P,) roots of its directions' precisions, and (P, S) its products over these."""
+        roots = [np.sqrt(1.0 + ch.strength / n**2) for ch, n in zip(self.channels, self.noise, strict=True)]
+        return [
+            (root, ch.cross / (n**2 * root)[:, None])
+            for ch, n, root in zip(self.channels, self.noise, roots, strict=True)
+        ]
 
     @cached_property
     def covariance(self) -> Array:
         """(P, P) posterior."""
-        half = solve_triangular(self.factor, np.diag(self.deviation), lower=True, check_finite=False)
-        return np.asarray(half.T @ half)
+        half = self.half(np.eye(len(self.deviation)))
+        untouched = np.ones(len(self.deviation), bool)
+        untouched[np.concatenate([self.shared, *(ch.own for ch in self.channels)])] = False
+        return np.asarray(half.T @ half + np.diag(untouched * self.deviation**2))
 
 
-def fitted(sums: Sums, deviation: Array, noise: Array, least: Array, rounds: int = ROUNDS) -> Fit:
-    """The model with its noise levels (C,) moved from `noise` to their best, none under `least`.
-
-    Most columns speak of one channel alone: these are eliminated channel by channel, and a small system is
-    left of the columns that channels share (Schur complement).
-    """
-    split = _Split(sums, deviation)
+def fitted(
+    channels: Sequence[Channel], deviation: Array, noise: Array, least: Array, rounds: int = NOISE_ROUNDS
+) -> Fit:
+    """The model with its noise levels (C,) moved from `noise` to their best, none under `least`."""
+    shared = np.unique(np.concatenate([ch.shared for ch in channels]))
+    places = [np.searchsorted(shared, ch.shared) for ch in channels]
     for k in range(rounds + 1):
-        log_evidence, values, used = split.at(noise)
+        schur, right = np.eye(len(shared)), np.zeros(len(shared))
+        log_det, explained, gives = 0.0, 0.0, []
+        for ch, place, s in zip(channels, places, noise, strict=True):
+            w = s**-2.0
+            precision = 1.0 + w * ch.strength
+            give = (w / precision)[:, None] * ch.cross  # (P, S) what of a shared column its directions take
+            taken = w * (ch.cross.T @ give)
+            schur[place[:, None], place] += w * ch.common - taken
+            schur[place, place] += JITTER * w * np.diagonal(ch.common)
+            right[place] += w * (ch.right - give.T @ ch.moment)
+            log_det += float(np.sum(np.log(precision)))
+            explained += float(w**2 * np.sum(ch.moment**2 / precision))
+            gives.append((precision, give, taken))
+        low = _cholesky(schur)
+        z = _forward(low, right)
+        both = _forward(low, z, transposed=True)
+        log_det += 2.0 * float(np.sum(np.log(np.diagonal(low))))
+        explained += float(z @ z)
+        power = float(sum(ch.power / s**2 for ch, s in zip(channels, noise, strict=True)))
+        level = float(
+            sum(ch.rows * np.log(2.0 * np.pi * s**2) for ch, s in zip(channels, noise, strict=True))
+        )
+        log_evidence = -0.5 * (level + log_det + power - explained)
+        alone = [
+            (ch.moment / (s**2 * precision)) - give @ both[place]
+            for ch, place, s, (precision, give, _) in zip(channels, places, noise, gives, strict=True)
+        ]
         if k == rounds:
             break
-        left = np.empty(len(noise))
-        for c, (use, gram, moment) in enumerate(zip(sums.use, sums.gram, sums.moment, strict=True)):
-            left[c] = sums.power[c] + (gram @ values[use] - 2.0 * moment) @ values[use]
-        now = np.sqrt(np.maximum(left, 0.0) / np.maximum(sums.rows - used, 1.0))
+        inverse = _inverse(low)
+        now = np.empty(len(noise))
+        for c, (ch, place, (precision, give, taken)) in enumerate(zip(channels, places, gives, strict=True)):
+            x, y = alone[c], both[place]
+            left = ch.power + x @ (ch.strength * x - 2.0 * ch.moment) + y @ (ch.common @ y - 2.0 * ch.right)
+            left += 2.0 * x @ (ch.cross @ y)
+            # numbers that the channel determined: the trace of its products times the posterior covariance
+            several = ch.common / noise[c] ** 2 - taken - give.T @ give
+            used = np.sum(1.0 - 1.0 / precision) + np.sum(inverse[place[:, None], place] * several)
+            now[c] = np.sqrt(max(left, 0.0) / max(ch.rows - used, 1.0))
         now = np.maximum(now, least)
         done = bool(np.all(np.abs(np.log(now / noise)) < 1e-3))
         noise = now
         if done and k > 0:
             rounds = k + 1
-    return Fit(sums, deviation, noise, log_evidence, values)
-
-
-class _Split:
-    """The products of one regression, by the columns that one channel has for itself and those of several."""
-
-    def __init__(self, sums: Sums, deviation: Array) -> None:
-        self.sums, self.deviation = sums, deviation
-        count = np.zeros(sums.width, int)
-        for use in sums.use:
-            count[use] += 1
-        self.shared = np.flatnonzero(count > 1)
-        place = np.cumsum(count > 1) - 1  # of a column among the shared ones
-        self.channels = []
-        for use, gram, moment in zip(sums.use, sums.gram, sums.moment, strict=True):
-            scaled = gram * np.outer(deviation[use], deviation[use])
-            mine, common = np.flatnonzero(count[use] == 1), np.flatnonzero(count[use] > 1)
-            right = moment * deviation[use]
-            self.channels.append(
-                _Channel(
-                    use[mine],
-                    place[use[common]],
-                    scaled[np.ix_(mine, mine)],
-                    scaled[np.ix_(mine, common)],
-                    scaled[np.ix_(common, common)],
-                    right[mine],
-                    right[common],
-                )
-            )
-
-    def at(self, noise: Array) -> tuple[float, Array, Array]:
-        """Log evidence, (P,) posterior means and (C,) numbers that each channel determined, at its noise."""
-        weight = 1.0 / noise**2
-        schur, right = np.eye(len(self.shared)), np.zeros(len(self.shared))
-        log_det, explained = 0.0, 0.0
-        halves = []
-        for w, ch in zip(weight, self.channels, strict=True):
-            low = _precision(w * ch.gram)
-            half = solve_triangular(low, w * ch.cross, lower=True, check_finite=False)
-            mine = solve_triangular(low, w * ch.moment, lower=True, check_finite=False)
-            schur[np.ix_(ch.place, ch.place)] += w * ch.common - half.T @ half
-            schur[ch.place, ch.place] += JITTER * w * np.diagonal(ch.common)
-            right[ch.place] += w * ch.right - half.T @ mine
-            log_det += 2.0 * float(np.sum(np.log(np.diag(low))))
-            explained += float(mine @ mine)
-            halves.append((low, half, mine))
-        low = _cholesky(schur)
-        shared = np.asarray(cho_solve((low, True), right, check_finite=False))
-        log_det += 2.0 * float(np.sum(np.log(np.diag(low))))
-        explained += float(right @ shared)
-        inverse = np.asarray(cho_solve((low, True), np.eye(len(low)), check_finite=False))
-        scaled, used = np.zeros(len(self.deviation)), np.empty(len(noise))
-        scaled[self.shared] = shared
-        for c, (ch, (own, half, mine)) in enumerate(zip(self.channels, halves, strict=True)):
-            rest = mine - half @ shared[ch.place]
-            scaled[ch.columns] = solve_triangular(own, rest, lower=True, trans=1, check_finite=False)
-            # trace of the channel's products times the posterior covariance, block by block
-            alone = dtrtri(own, lower=1)[0] if len(own) else own  # all its columns may be shared
-            back = alone.T @ half
-            several = half.T @ half + back.T @ back - weight[c] * ch.common
-            used[c] = len(own) - np.sum(alone**2) - np.sum(inverse[np.ix_(ch.place, ch.place)] * several)
-        level = float(self.sums.rows @ np.log(2.0 * np.pi * noise**2))
-        quad = float(weight @ self.sums.power) - explained
-        return -0.5 * (level + log_det + quad), scaled * self.deviation, used
-
-
-@dataclass(frozen=True)
-class _Channel:
-    """Of one channel, in units of the prior deviations: its own columns, then the places of the shared ones.
-
-    `gram` (own, own), `cross` (own, shared), `common` (shared, shared), `moment` (own,), `right` (shared,).
-    """
-
-    columns: NDArray[np.intp]
-    place: NDArray[np.intp]
-    gram: Array
-    cross: Array
-    common: Array
-    moment: Array
-    right: Array
-
-
-def _precision(gram: Array) -> Array:
-    """Of a gram matrix that may be written over: the factor with the priors, of unit deviation, in it."""
-    each = np.arange(len(gram))
-    gram[each, each] += 1.0 + JITTER * np.diagonal(gram)
-    return _cholesky(gram)
+    values = np.zeros(len(deviation))
+    values[shared] = both
+    for ch, x in zip(channels, alone, strict=True):
+        values[ch.own] = ch.ways @ x
+    return Fit(channels, deviation, noise, log_evidence, values * deviation, shared, low)
 
 
 def _cholesky(gram: Array) -> Array:
@@ -222,3 +211,16 @@ def _cholesky(gram: Array) -> Array:
         if info == 0:
             return np.asarray(factor)
     raise np.linalg.LinAlgError("the normal equations are not positive definite")
+
+
+def _forward(low: Array, right: Array, *, transposed: bool = False) -> Array:
+    """What a lower factor, or its transpose, times this is `right`."""
+    return np.asarray(dtrtrs(low, right, lower=1, trans=int(transposed))[0]) if right.size else right
+
+
+def _inverse(low: Array) -> Array:
+    """Of the matrix that a lower factor is of."""
+    if not low.size:
+        return low
+    lower = dpotri(low, lower=1)[0]
+    return np.asarray(lower + np.tril(lower, -1).T)

@@ -26,7 +26,7 @@ from coaxlink.residual.result import Suspect
 
 Mask = NDArray[np.bool_]
 LIMITS = (0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # quantiles of the readings: where a limit may lie
-ROUNDS = 4
+FAULT_ROUNDS = 4
 # of the rows, judgement: less is an outlier, more is what the log is like
 LEAST_SHARE, MOST_SHARE = 0.01, 0.5
 LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
@@ -120,7 +120,7 @@ def _cut_off(
     size = float(ch.reference[k])
     over = read > limit - 0.5 * TOLERANCE * size
     known = read - ch.target[:, k]  # the load as it is predicted
-    for _ in range(ROUNDS):
+    for _ in range(FAULT_ROUNDS):
         if not _fair(over):
             return None
         rest = ~over

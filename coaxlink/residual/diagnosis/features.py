@@ -16,15 +16,16 @@ import numpy as np
 from scipy.stats import chi2
 
 from coaxlink.frames import Array
-from coaxlink.residual.diagnosis.causes import METER, own_cause
-from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, Channels
+from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, LOADS, Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
 from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
 from coaxlink.residual.members import composed
+from coaxlink.signals import without_row_noise
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
-MOST = 3000.0  # nats: where no set of a kind was worth a visit
+METER = 0.01  # of its range: what a recorded variable errs by (instruments of class 1, IEC 60051)
+MOST_NATS = 3000.0  # where no set of a kind was worth a visit
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Features:
         beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
         numbers["load"] = float(np.log(max(rms[c] / ch.reference[c], 1e-6) / EFFECT_SIZE))
-        numbers["freed"] = self._freed(name) if others else MOST
+        numbers["freed"] = self._freed(name) if others else MOST_NATS
         # what else it took to explain the log: a log that is not understood tells less
         numbers["members"] = float(len(lead.members))
         numbers["forms"] = float(sum(f not in mine for f in lead.forms))
@@ -117,7 +118,7 @@ class Features:
     def _nats(self, kind: str, sets: Sequence[Hypothesis]) -> dict[str, float]:
         """Of the leading set over the best of these; three ways."""
         if not sets:
-            return {f"{kind}_{way}": MOST for way in ("raw", "tempered", "own")}
+            return {f"{kind}_{way}": MOST_NATS for way in ("raw", "tempered", "own")}
         best = sorted(sets, key=lambda h: -h.score)[:WEIGHED]
         return {
             f"{kind}_raw": float(self.lead.score - best[0].score),
@@ -180,3 +181,27 @@ def added_by(ch: Channels, h: Hypothesis, name: str) -> Array:
         for known in [[k for k in ch.known if k[0].name not in {m.name for m in members}]]
     )
     return np.asarray(ch.reduce(with_it - without))
+
+
+def own_cause(ch: Channels, h: Hypothesis, name: str, form: str) -> bool:
+    """Whether a free form runs over the variable that an effect comes from."""
+    variable, channel, *_ = form.split("|")
+    m = next(m for m in h.members if m.name == name)
+    label, cause = m.effect.cause(ch.bare, m.shape, ch.names[0] if channel == LOADS else channel)
+    values = np.asarray(cause, float)[ch.frame.keep]
+    if " " in variable:  # the sum or difference of speeds holds either
+        return any(same_variable(values, ch.variables[v]) for v in variable.split(" ")[::2])
+    other = ch.variables.get(variable)
+    return other is not None and (label == variable or same_variable(values, other))
+
+
+def same_variable(values: Array, other: Array) -> bool:
+    """Whether one of two variables (rows,) is a straight function of the other within its meter's error: this
+    log cannot tell them apart."""
+    if np.ptp(values) <= 0.0 or np.ptp(other) <= 0.0:
+        return False
+    along = other - np.mean(other)
+    about = values - np.mean(values)
+    slope = float(about @ along) / float(along @ along)
+    noise = np.std(values - without_row_noise(values)), slope * np.std(other - without_row_noise(other))
+    return bool(np.std(about - slope * along) <= METER * np.ptp(values) + np.hypot(*noise))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -29,6 +29,7 @@ RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, bel
 # of a rotor's load, judgement: what propellers of one mould, and their motors, differ by
 THRUST_SCATTER, TORQUE_SCATTER = 0.0015, 0.008
 MODEL_LENGTH = 0.05  # of full speed, judgement: half of what lies between levels, where a stand runs ten
+UNFELT = 1e-3  # of the least noise's variance, over all rows: 5e-4 nats
 MANY_ROWS = 5_000  # judged rows: of longer flights some of the blocks are weighed (seconds)
 
 
@@ -96,23 +97,40 @@ def _scatter(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Iterator[B
 def _model_missed(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Iterator[Block]:
     """What a rotor model left of its own stand log, over the speeds and alike in all pairs: a flight that
     shows it again shows nothing new."""
-    none, upper_of = np.zeros_like(frame.thrust), {lower: upper for upper, lower in frame.airframe.pairs}
+    rows, upper_of = len(frame.thrust), {lower: upper for upper, lower in frame.airframe.pairs}
+    least = np.maximum(RESOLUTION * frame.reference, frame.rounding)
     for load, size in frame.model.missed.items():
         rotors = [k for k, r in enumerate(frame.airframe.rotors) if load.channel.startswith(r.level)]
         if not rotors:
             continue
-        both = [rotors] if load.channel.startswith("upper") else [rotors, [upper_of[k] for k in rotors]]
-        process = _over(frame.speeds[:, both[0]])
-        for each in both[1:]:
-            process = products(process, _over(frame.speeds[:, each]))
-        functions, deviation = process[0].reshape(len(none), len(rotors), -1), process[1]
-        columns = []
-        for one in np.moveaxis(functions, -1, 0):
-            loads = none.copy()
-            loads[:, rotors] = one
-            thrust, torque = (loads, none) if load.unit == "N" else (none, loads)
-            columns.append(reduce(frame.airframe.body_loads(thrust, torque)))
-        yield Block(f"{load.channel} model", np.stack(columns, axis=-1), size * deviation)
+        over = [rotors] if load.channel.startswith("upper") else [rotors, [upper_of[k] for k in rotors]]
+        along = [_over(frame.speeds[:, each]) for each in over]
+
+        def process(k: int, along: Sequence[tuple[Array, Array]] = along, size: float = size) -> Array:
+            """Of one rotor, (rows, K), each function times its deviation."""
+            of_one = [(f.reshape(rows, -1, f.shape[-1])[:, k], d) for f, d in along]
+            functions, deviation = products(*of_one) if len(of_one) > 1 else of_one[0]
+            return size * deviation * functions
+
+        def body(one: Array, pulls: bool = load.unit == "N") -> Array:
+            none = np.zeros_like(one)
+            return frame.airframe.body_loads(one, none) if pulls else frame.airframe.body_loads(none, one)
+
+        gram = 0.0
+        for k, seen in enumerate(
+            np.abs(body(np.eye(len(frame.airframe.rotors))[rotors]) / least).max(axis=1)
+        ):
+            felt = process(k)[frame.keep] * seen
+            gram = gram + felt.T @ felt
+        strength, ways = np.linalg.eigh(gram)
+        ways = ways[:, strength > UNFELT]
+        loads = np.zeros((ways.shape[1], rows, len(frame.airframe.rotors)))
+        for k, rotor in enumerate(rotors):
+            loads[..., rotor] = (process(k) @ ways).T
+        columns = np.zeros((len(frame.keep), len(FLIGHT_CHANNELS), len(loads)))
+        for m, one in enumerate(loads):
+            columns[..., m] = reduce(body(one))
+        yield Block(f"{load.channel} model", columns, np.ones(len(loads)))
 
 
 def _over(speeds: Array) -> tuple[Array, Array]:

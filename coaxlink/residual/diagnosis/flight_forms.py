@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
@@ -150,8 +149,7 @@ class Left:
         block, fit = self.channels.forms[name](), self.without.fit
         c = self.channels.names.index(name.split("|")[1])
         mine = block.columns[:, c] * (block.deviation / fit.noise[c])
-        beside = self.without.whitened(c) * (fit.deviation / fit.noise[c])
-        half = solve_triangular(fit.factor, beside.T @ mine, lower=True)
+        half = fit.half(self.without.whitened(c).T @ mine / fit.noise[c])
         own = mine.T @ mine
         rounding = 1.0 + JITTER * max(float(np.trace(own)), 1.0)
         low = np.linalg.cholesky(rounding * np.eye(block.width) + own - half.T @ half)

@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from coaxlink.effects.onset import COMES, MARGIN_S
 from coaxlink.effects.tracing import Array, Tracing
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.evidence import by_channel, fitted, sums_of
+from coaxlink.residual.diagnosis.evidence import Base, fitted
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
 from coaxlink.residual.diagnosis.noise import autocorrelation_time, tempered, white
 from coaxlink.residual.diagnosis.posterior import Posterior, posterior
@@ -27,7 +26,7 @@ from coaxlink.residual.members import Member
 
 SHORT_ROWS = 15_000  # of a frame: of a longer one only what is promising is fitted (seconds)
 SETTLES = 20  # rounds of a noise level (effort)
-ROUNDS, STARTS = 3, 4  # effort, judgement: of the noise, and sets that the next one begins with
+NOISE_ROUNDS, STARTS = 3, 4  # effort, judgement: of the noise, and sets that the next one begins with
 LESS = 2.0  # times: noise that hangs together so much less long is another (judgement)
 # rows a column of what all candidates leave, each as many as hang together (judgement: fewer fit the noise)
 LEAST_INDEPENDENT = 3.0
@@ -58,7 +57,7 @@ def searched(ch: Channels, progress: Progress) -> Flown:
     """
     search, starts = None, list[Hypothesis]()
     times, beside = np.full(ch.count, np.inf), Scorer(ch, white(ch.count)).empty
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         now = np.minimum(left_by_all(ch, beside), times)
         if search is not None and np.all(now > times / LESS):
             break
@@ -92,10 +91,10 @@ def left_by_all(ch: Channels, beside: Hypothesis) -> Array:
     most = len(ch.target) / (LEAST_INDEPENDENT * autocorrelation_time(beside.left, ch.block))
     few, deviation = principal(columns, most.astype(int))
     width, rows = len(scorer.deviation), np.full(ch.count, float(len(ch.target)))
-    sums = sums_of(by_channel(scorer.columns), width, [few], beside.left, rows)
-    # from the least noise upwards: from above, corrections that strain may hold it where they are
     every = np.concatenate([scorer.deviation, deviation])
-    fit = fitted(sums, every, ch.least_noise, ch.least_noise, SETTLES)
+    channels = Base(np.concatenate([scorer.columns, few], axis=-1), every).beside([], beside.left, rows)
+    # from the least noise upwards: from above, corrections that strain may hold it where they are
+    fit = fitted(channels, every, ch.least_noise, ch.least_noise, SETTLES)
     left = beside.left - scorer.columns @ fit.values[:width] - few @ fit.values[width:]
     return autocorrelation_time(left, ch.block)
 
@@ -157,12 +156,11 @@ class FlightSearch(Search):
                 square += weight * np.add.reduceat(mine[:, :, None] * mine[:, None, :], first)
                 moment += weight * np.add.reduceat(mine * left[:, [i]], first)
             cross, square, moment = (np.cumsum(x[::-1], axis=0)[::-1] for x in (cross, square, moment))
-            gains = []
-            for edge in edges:
-                half = solve_triangular(h.fit.factor, cross[edge] * h.fit.deviation[:, None], lower=True)
-                gains.append(
-                    _gain(square[edge] - half.T @ half + np.diag(c.deviation**-2.0), moment[edge], c)
-                )
+            halves = h.fit.half(cross[edges].transpose(1, 0, 2).reshape(-1, len(edges) * k))
+            each = halves.reshape(len(halves), len(edges), k)
+            taken = np.einsum("pea,peb->eab", each, each, optimize=True)
+            known = square[edges] - taken + np.diag(c.deviation**-2.0)
+            gains = [_gain(*both, c) for both in zip(known, moment[edges], strict=True)]
             a = int(np.argmax(gains))
             if gains[a] > max(MORE, best.get(c.effect.name, (0.0,))[0]):
                 best[c.effect.name] = gains[a], c, float(time[first[edges[a]]])

@@ -13,8 +13,8 @@ from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.discrepancy import SHARES, discrepancy
-from coaxlink.residual.diagnosis.evidence import Fit, by_channel, fitted, sums_of
-from coaxlink.residual.diagnosis.noise import Colour, colour_of
+from coaxlink.residual.diagnosis.evidence import Base, Fit, fitted
+from coaxlink.residual.diagnosis.noise import COLOUR_ROUNDS, Colour, colour_of
 from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.members import Member, composed, member
 
@@ -25,7 +25,6 @@ HALVINGS = (1.0, 0.5, 0.2)
 SETTLED = 0.2  # nats
 CONSISTENT = 1  # rounds
 REFUSED = -1e6
-COLOURS = 2  # rounds
 REMEMBERED = 60  # linearisations
 ROTOR = "rotor"  # the number of a shape that is no quantity but a place
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
@@ -100,7 +99,7 @@ class Scorer:
         self.channels, self.colour = channels, colour
         self.columns, self.deviation = joined([*channels.nuisance, *channels.surface])
         self.white = colour.whiten(self.columns)
-        self._own = by_channel(self.white)
+        self._base = Base(self.white, self.deviation)
         self._forms: dict[str, tuple[Block, Array]] = {}
         self._slopes: dict[object, Slopes] = {}
 
@@ -192,10 +191,10 @@ class Scorer:
             blocks.append((form.columns, white, form.deviation))
         rows = self.colour.rows(len(target))
         whitened = self.colour.whiten(target)
-        sums = sums_of(self._own, self.white.shape[-1], [b[1] for b in blocks], whitened, rows)
+        channels = self._base.beside([b[1:] for b in blocks], whitened, rows)
         deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
         start = ch.reference * 0.01 if noise is None else noise
-        fit = fitted(sums, deviation, start, ch.least_noise)
+        fit = fitted(channels, deviation, start, ch.least_noise)
         width = self.white.shape[-1]
         prior = sum(_log_prior(ch, m) for m in members)
         prior += len({form_name(f) for f in forms}) * (ODDS - np.log(max(len(ch.forms), 1)))
@@ -275,7 +274,7 @@ class Scorer:
 
 def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
     """The hypothesis under the colour of what itself leaves; every number of a colour costs as BIC has it."""
-    for _ in range(COLOURS):
+    for _ in range(COLOUR_ROUNDS):
         colour = colour_of(h.left)
         near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
         h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near, h.share)

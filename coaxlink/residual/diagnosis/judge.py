@@ -14,7 +14,7 @@ from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided
 from coaxlink.residual.diagnosis.faults import weighed_faults
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer, coloured
-from coaxlink.residual.diagnosis.noise import Colour, white
+from coaxlink.residual.diagnosis.noise import COLOUR_ROUNDS, Colour, white
 from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import Search
 from coaxlink.residual.diagnosis.shown import Shown, would_show
@@ -25,7 +25,6 @@ from coaxlink.residual.result import HIDDEN, Refinement, WouldShow
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
-ROUNDS = 2  # of colour: what is left of the best set says what the noise is
 SAME_COLOUR = 0.05  # of a coefficient
 NAMED_NATS = 30.0  # that a name has where it is claimed, at the least: what the smallest size is reported for
 STARTS = 4  # sets that the next round begins with
@@ -58,7 +57,7 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
     for colour in first[:1] if _same(*first) else first:
         visited = Search(Scorer(ch, colour), lambda said: progress(f"weighing {said}")).run()
         starts += visited.ranked()[:STARTS]
-    for number in range(ROUNDS):
+    for number in range(COLOUR_ROUNDS):
         # noise is what the set leaves that has most evidence under the colour of what itself leaves: what
         # wanders is no form over time, and a form over time no noise, before both were weighed
         best = max((coloured(ch, h) for h in (*starts, empty)), key=lambda h: h.score)

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 
 from coaxlink.frames import Array
 
+COLOUR_ROUNDS = 2  # what is left of the best set says what the noise is (effort)
 MOST_ORDER = 6  # of what rings: three oscillations
 LEAST_ROWS_PER_ORDER = 25
 # of the wander, grids of its likelihood: rows after which it is forgotten, as shares of the log (longer is a
@@ -53,8 +54,11 @@ class Colour:
         if self.share:
             out *= np.sqrt(self.share).reshape(1, -1, *[1] * (out.ndim - 2))
         by_channel = out.reshape(len(out), out.shape[1], -1)
+        if not self.size:
+            return out
+        touched = np.asarray(by_channel.any(axis=0))
         for c, (ahead, wander) in enumerate(zip(self.ahead, self.wander, strict=True)):
-            use = np.flatnonzero(by_channel[:, c].any(axis=0))
+            use = np.flatnonzero(touched[c])
             if not len(use) or (wander is None and not len(ahead)):
                 continue
             series = np.ascontiguousarray(by_channel[:, c, use].T)

@@ -13,14 +13,13 @@ import numpy as np
 
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import ROTOR, Hypothesis, Scorer, begun
-from coaxlink.residual.diagnosis.noise import colour_of, white
+from coaxlink.residual.diagnosis.noise import COLOUR_ROUNDS, colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
 from coaxlink.residual.members import Member
 
 # a blade that lifts less, a motor that turns slower: where the fit begins
 WAYS = ({"thrust_loss": 0.1, "torque_loss": 0.1}, {"speed_loss": 0.05})
 NEAR = 0.8  # of what the best place explains: less is no rival (judgement)
-ROUNDS = 2  # of colour
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ def places(ch: Channels, members: Sequence[Member]) -> list[Place]:
     tried: list[Member] = _everywhere(ch, mine)
     scorer = Scorer(ch, white(ch.count))
     found: list[Hypothesis] = []
-    for _ in range(ROUNDS):
+    for _ in range(COLOUR_ROUNDS):
         found = _scored(scorer, others, tried)
         best = max(found, key=lambda h: h.score)
         scorer = Scorer(ch, colour_of(best.left))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.evidence import JITTER
@@ -23,8 +22,9 @@ class Stack:
         self.used: list[np.ndarray] = []
         self.columns: list[Array] = []
         self.own: list[list[Array | None]] = []
+        each = [np.asarray(x.any(axis=0)) for x, _ in pieces]  # (C, K)
         for c in range(self.count):
-            touched = [np.flatnonzero(x[:, c].any(axis=0)) for x, _ in pieces]
+            touched = [np.flatnonzero(of[c]) for of in each]
             parts = [x[:, c, t] for (x, _), t in zip(pieces, touched, strict=True)]
             offsets = zip(touched, self.first, strict=True)
             self.used.append(np.concatenate([t + at for t, at in offsets]).astype(np.intp))
@@ -47,9 +47,7 @@ class Stack:
                 nuisance = np.ascontiguousarray(beside[:, touched].T)
                 cross[np.ix_(touched, used)] += weight[c] * (nuisance @ columns)
                 moment[used] += weight[c] * (left[:, c] @ columns)
-        cross *= fit.deviation[:, None]
-        cross *= self.deviation
-        half = solve_triangular(fit.factor, cross, lower=True, check_finite=False, overwrite_b=True)
+        half = fit.half(cross * self.deviation)
         out = np.zeros(len(self.widths))
         for width in np.unique(self.widths):
             mine = np.flatnonzero(self.widths == width)

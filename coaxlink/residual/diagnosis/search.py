@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, key_of
@@ -19,7 +18,7 @@ BEAM = 2
 TRIED = 4  # effects of a screening that are fitted
 TRIED_FORMS = 2
 NAMED = 3  # effects that are tried in the place of free forms
-MOST = 5
+MOST_NAMES = 5
 HOPELESS = 100.0  # nats behind at its first point, and a share of all that is explained
 LEAST_FORM_GAIN = 5.0  # nats: a free form's odds take ten
 LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
@@ -105,7 +104,7 @@ class Search:
                     h,
                     anew=False,
                 )
-        if len(h.names) < MOST:
+        if len(h.names) < MOST_NAMES:
             for effect, shape in self.screened(h):
                 self._grown(h, effect, shape)
             for form in self.screened_forms(h):
@@ -155,7 +154,7 @@ class Search:
             mine = c.white[:, k]
             moment += weight[k] * (mine.T @ left[:, k])
             cross += weight[k] * (h.whitened(int(k)).T @ mine)
-        half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
+        half = h.fit.half(cross)
         return gram - half.T @ half, moment
 
     def alone(self, h: Hypothesis, c: Candidate) -> Array:

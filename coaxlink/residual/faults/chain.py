@@ -51,8 +51,8 @@ CLOSER, NEAR, OFF = 4.0, 4.0, 25.0  # times; squared tolerances, of each channel
 SLIP = 0.01  # of the speed: a motor's curve of throttle is told to that
 GAIN, OTHER = 0.05, 0.25  # of the load: spans drift by less within a log; of that, by the rotor's other load
 RUNS, AGREE, AMONG = 2, 0.35, 12  # of another gain; of it, by so many rows that have others at like speeds
-MOST = 0.55  # of the rows: of a fit to the log itself, more cannot be told from the rest
-ROUNDS, SCREENED_ROWS, BEGINNINGS = 4, 400, 2  # effort
+MOST_OF_ROWS = 0.55  # of the rows: of a fit to the log itself, more cannot be told from the rest
+FAULT_ROUNDS, SCREENED_ROWS, BEGINNINGS = 4, 400, 2  # effort
 PARTS = (((0.0, 1.0),), ((0.0, 0.5),), ((0.5, 1.0),), ((0.25, 0.75),), ((0.0, 0.25), (0.75, 1.0)),
          ((0.0, 0.34),), ((0.66, 1.0),))  # fmt: skip
 
@@ -147,7 +147,7 @@ def _path(
     """The states that a yardstick of these rows tells, and the yardstick of those, until they stay."""
     failed = _Path(np.inf, [], False)
     begun = bool(read)
-    for _ in range(ROUNDS):
+    for _ in range(FAULT_ROUNDS):
         if trusted.sum() < 24 and frame.free_nuisance:
             return failed
         stick = yardstick_of(frame, trusted, read, fine)
@@ -165,7 +165,7 @@ def _path(
             break
         trusted, read = now, again
     told = not fine and (begun or not frame.free_nuisance)  # where what is right is known, or all of it tried
-    if not told and any(s.rows.sum() > MOST * usable.sum() for s in found):
+    if not told and any(s.rows.sum() > MOST_OF_ROWS * usable.sum() for s in found):
         return failed
     scale = float(np.sum(np.log(stick.tolerance[list(frame.present)])))
     log = readings_of(frame)

@@ -37,7 +37,7 @@ COARSE = 0.1  # of that: mg and mrad/s, as autopilots send them
 # (MPU-6000); uneven ground and a slow barometer change a height by more, no unit but the metre by so little
 SHARE = dict.fromkeys((*ACCEL, *GYRO, *VELOCITY), (0.95, 1.05)) | {HEIGHT: (0.1, 2.0)}
 UPRIGHT = 0.1  # cosine: nearer to the vertical these angles say nothing
-ROUNDS = 4  # effort
+REWEIGHTINGS = 4  # effort
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _robust(y: Array, x: Array, sigma: Array, at: Mask, low: Array, high: Array)
     size = np.sqrt(np.sum(x**2, axis=0)) + 1e-12
     x = x / size
     fit: Array = np.zeros(len(size))
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         weight = (HEAVY + 1.0) / (HEAVY + (y - x @ fit) ** 2)
         weighed = x * weight[:, None]
         gram, target = weighed.T @ x + 1e-9 * np.eye(len(size)), weighed.T @ y

@@ -32,7 +32,7 @@ from firmware_params.keys import unknown_key
 
 LAWS = ("standard", "curved", "reduced", "fitted", "exact")
 PLANS = ("hover", "circle", "wander", "steps")
-MOST = 1_000_000  # flights of one campaign
+MOST_FLIGHTS = 1_000_000  # flights of one campaign
 ANY_ROTOR = "any"
 # quantities that are numbers: least, most, what they are
 NUMBERS: dict[str, tuple[float, float, str]] = {
@@ -310,8 +310,10 @@ def _draws(
         if flights is None:
             raise InputError(path, "flights", "is missing: how many are flown (laws times draws)")
         draws = flights // laws
-    if not 1 <= draws * laws <= MOST or repeats < 1:
-        raise InputError(path, "flights", f"{laws} to {MOST} flights are expected, found {draws * laws}")
+    if not 1 <= draws * laws <= MOST_FLIGHTS or repeats < 1:
+        raise InputError(
+            path, "flights", f"{laws} to {MOST_FLIGHTS} flights are expected, found {draws * laws}"
+        )
     return draws
 
 

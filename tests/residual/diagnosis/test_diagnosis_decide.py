@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from coaxlink.residual.diagnosis.decide import WAYS, calibration, opened_terms, probability, terms_of
-from coaxlink.residual.diagnosis.features import MOST, Candidate
+from coaxlink.residual.diagnosis.features import MOST_NATS, Candidate
 
 KINDS = [
     f"{kind}_{way}" for kind in ("nothing", "free", "cause", "rival") for way in ("raw", "tempered", "own")
@@ -48,5 +48,5 @@ def test_what_speaks_against_a_name_lowers_its_probability(weaker):
 
 
 def test_that_no_rival_was_worth_a_visit_is_no_evidence_for_a_weak_name():
-    unvisited = {f"{kind}_{way}": MOST for kind in ("free", "cause", "rival") for way in WAYS}
-    assert said(8.0, **unvisited, freed=MOST) < calibration()["level"]["name"]
+    unvisited = {f"{kind}_{way}": MOST_NATS for kind in ("free", "cause", "rival") for way in WAYS}
+    assert said(8.0, **unvisited, freed=MOST_NATS) < calibration()["level"]["name"]

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from coaxlink.residual.diagnosis.evidence import Base, fitted
 from coaxlink.residual.diagnosis.evidence import _cholesky as cholesky
-from coaxlink.residual.diagnosis.evidence import by_channel, fitted, sums_of
 from coaxlink.residual.diagnosis.noise import colour_of
 from coaxlink.residual.diagnosis.parts import products, waves
 from coaxlink.residual.diagnosis.screening import Stack
@@ -21,6 +21,7 @@ def data():
     random = np.random.default_rng(1)
     columns = random.normal(size=(40, 2, 5))
     columns[:, 0, 3:] = 0.0  # of the second channel alone
+    columns[:, 1, 1] = 0.0  # of the first
     deviation = np.array([1.0, 0.5, 2.0, 1.5, 0.1])
     noise = np.array([0.3, 0.8])
     target = columns @ (deviation * random.normal(size=5)) + noise * random.normal(size=(40, 2))
@@ -29,10 +30,9 @@ def data():
 
 def model(columns, target, deviation, noise, rounds):
     """Fitted, the last two columns as what comes beside the others."""
-    base = columns[..., :3]
-    rows = np.full(2, float(len(target)))
-    sums = sums_of(by_channel(base), base.shape[-1], [columns[..., 3:]], target, rows)
-    return fitted(sums, deviation, noise, np.full(2, 1e-9), rounds=rounds)
+    base, more = Base(columns[..., :3], deviation[:3]), (columns[..., 3:], deviation[3:])
+    channels = base.beside([more], target, np.full(2, float(len(target))))
+    return fitted(channels, deviation, noise, np.full(2, 1e-9), rounds=rounds)
 
 
 def of_definition(columns, target, deviation, noise):
@@ -54,6 +54,19 @@ def test_the_noise_levels_are_at_their_best(data):
     best = of_definition(columns, target, deviation, fit.noise)
     for moved in ([1.05, 1.0], [0.95, 1.0], [1.0, 1.05], [1.0, 0.95]):
         assert of_definition(columns, target, deviation, fit.noise * moved) < best
+
+
+def test_the_posterior_and_what_it_takes_of_other_columns_are_those_of_their_definitions(data):
+    columns, target, deviation, noise = data
+    fit = model(columns, target, deviation, noise, rounds=0)
+    x = columns / noise[:, None]
+    precision = np.einsum("rca,rcb->ab", x, x) + np.diag(deviation**-2.0)
+    np.testing.assert_allclose(fit.covariance, np.linalg.inv(precision), rtol=1e-7)
+    means = np.linalg.solve(precision, np.einsum("rca,rc->a", x, target / noise))
+    np.testing.assert_allclose(fit.values, means, rtol=1e-7)
+    products = np.random.default_rng(4).normal(size=(5, 3))
+    half = fit.half(products)
+    np.testing.assert_allclose(half.T @ half, products.T @ np.linalg.solve(precision, products), rtol=1e-7)
 
 
 def test_columns_more_gain_what_the_larger_model_has_more(data):

@@ -51,6 +51,11 @@ template<typename Real, int K, int M, int NU, int NL, int PU, int PL> struct Veh
 	Real line[K][4];                       // least and greatest lower speed: at rest, and per unit of upper speed
 	Real home[2 * K];                      // where the vehicle hovers
 	Real within;                           // what is missed without being a fault
+	// of an arm one of whose rotors stands still: where the lower one may lie beneath a still upper one, and the arm's
+	// surfaces and power above a still lower one, by powers of the upper speed
+	Real place[K][2];
+	Real still_surface[K][M][NU + 1];
+	Real still_power[K][PU + 1];
 };
 
 // What a motor is told for a speed (rotor/drive.py): command = c_0 + c_1 u + ... + (r + s u) Q, Q a polynomial of both
@@ -131,9 +136,10 @@ public:
 	void without(uint32_t failed)
 	{
 		for (int i = 0; i < N; i++) {
-			const bool off = (failed >> i) & 1U;
-			_lo[i] = off ? Real(0) : _vehicle.lo[i];
-			_hi[i] = off ? Real(0) : _vehicle.hi[i];
+			const bool off = (failed >> i) & 1U, beneath = i % 2 && ((failed >> (i - 1)) & 1U);
+			_still[i] = off;
+			_lo[i] = off ? Real(0) : (beneath ? _vehicle.place[i / 2][0] : _vehicle.lo[i]);
+			_hi[i] = off ? Real(0) : (beneath ? _vehicle.place[i / 2][1] : _vehicle.hi[i]);
 			state.old_x[LAST][i] = Real(0);
 		}
 
@@ -303,12 +309,14 @@ private:
 			const Real u = at[2 * k], l = at[2 * k + 1];
 
 			for (int n = 0; n < M; n++) {
-				const Real f = value<NU, NL>(_vehicle.surface[k][n], u, l);
+				const Real f = _still[2 * k + 1] ? value<NU, 0>(_vehicle.still_surface[k][n], u, 0)
+					       : value<NU, NL>(_vehicle.surface[k][n], u, l);
 
 				for (int j = 0; j < 4; j++) { left[j] -= _vehicle.gain[k][n][j] * f; }
 			}
 
-			power += value<PU, PL>(_vehicle.power[k], u, l);
+			power += _still[2 * k + 1] ? value<PU, 0>(_vehicle.still_power[k], u, 0)
+				 : value<PU, PL>(_vehicle.power[k], u, l);
 		}
 	}
 
@@ -330,13 +338,20 @@ private:
 
 		for (int j = 0; j < 4; j++) { by_u[j] = by_l[j] = 0; }
 
+		const bool still = _still[2 * k + 1];
 		Real p[6];
-		surface<PU, PL>(_vehicle.power[k], u, l, p);
+
+		if (still) { surface<PU, 0>(_vehicle.still_power[k], u, 0, p); }
+		else { surface<PU, PL>(_vehicle.power[k], u, l, p); }
+
 		Real gu = p[1], gl = p[2], uu = p[3], ul = p[4], ll = p[5];
 
 		for (int n = 0; n < M; n++) {
 			Real f[6];
-			surface<NU, NL>(_vehicle.surface[k][n], u, l, f);
+
+			if (still) { surface<NU, 0>(_vehicle.still_surface[k][n], u, 0, f); }
+			else { surface<NU, NL>(_vehicle.surface[k][n], u, l, f); }
+
 			Real weight = 0;
 
 			for (int j = 0; j < 4; j++) {
@@ -1219,6 +1234,7 @@ private:
 	const int32_t _budget;
 	const Numbers &_vehicle;
 	Real _lo[N] {}, _hi[N] {};
+	bool _still[N] {};
 	Real _power = 0, _radius = 0;
 	int _stage = CLOSE, _left = 0, _start = 0;
 	bool _delivered = false, _near = false, _stood = false;

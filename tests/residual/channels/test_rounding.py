@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coaxlink.residual.channels.rounded_commands import before_rounding
+from coaxlink.residual.channels.rounding import before_rounding
 
 STEP = 0.001
 MIX = np.array([[1, 1, 1, 1], [1, -1, 1, -1], [1, -1, -1, 1], [1, 1, -1, -1]] * 2, float)  # equal in a pair
