@@ -85,5 +85,6 @@ def rows_of(held: list[Held], count: int) -> Mask:
 
 def is_no_reading(away: float, run: Held) -> bool:
     """Whether a run is none, that goes away from what it should have read by so many nats: those have to be
-    sure before its length, which a vehicle that rests has too, counts beside them."""
-    return away > 0.5 * SURE and away + run[2] > SURE
+    sure before its length, which a vehicle that rests has too, counts beside them, and by half, as readings
+    that repeat are no independent ones (SURE is twice what is sure for that)."""
+    return away > 0.5 * SURE and away + 0.5 * run[2] > SURE
