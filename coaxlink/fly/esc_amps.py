@@ -61,7 +61,7 @@ class EscAmps:
             f"{self.upper_A[n]:.1f} A above and {self.lower_A[n]:.1f} A below with {self.share[n]:.3f}"
             for n in ends
         )
-        return [line, f"by the ESCs alone: {self.answer.words()}; {sides}"]
+        return [line, f"by the ESCs alone: {self.answer.words()}; {sides} (ESC n taken for motor n)"]
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""

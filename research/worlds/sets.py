@@ -68,7 +68,7 @@ def logs_of(name: str, folder: Path, kinds: Sequence[str], only: Collection[str]
     """The logs of a set; what a generator would write is written first."""
     if (Path(name) / "truth.json").exists():
         root = Path(name).resolve()
-        at = root.relative_to(WORLDS) if root.is_relative_to(WORLDS) else Path(root.name)
+        at = root.relative_to(WORLDS) if root.is_relative_to(WORLDS) else Path(*root.parts[-2:])
         yield from _read(str(at), root, kinds)
         return
     author, _, said = name.partition(":")
