@@ -29,16 +29,13 @@ import math
 import re
 import sys
 import tempfile
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from real_pairs import GRAVITY, coaxlink, made_map, vehicle_file, verdicts
+from real_pairs import GRAVITY, coaxlink, made_map, run, vehicle_file, verdicts
 
-from coaxlink.cli import main as verb
 from coaxlink.cli.sim import coax_firmware
 from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.live.onboard.description import board_law
@@ -188,18 +185,6 @@ def _pack_over_rotors(plant: Any, upper: float, lower: float) -> float:
         command *= 1.0 + 0.5 * (wanted / np.maximum(plant.speeds, 0.05) - 1.0)
         found.append(plant.voltage * plant.current / plant.rotor_watts().sum())
     return float(np.mean(found[-20:]))
-
-
-def run(*words: Any) -> tuple[int, str, str]:
-    """A verb in this process: its exit code, stdout, stderr."""
-    out, err = StringIO(), StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        try:
-            verb([str(word) for word in words])
-            code = 0
-        except SystemExit as ended:
-            code = int(ended.code or 0)
-    return code, out.getvalue(), err.getvalue()
 
 
 @dataclass
