@@ -405,7 +405,8 @@ EFFECT = PhysicalEffect(
                                   ("lower_over_upper", 0.2, 5.0))),
         Parameter("fading", "1", 0.0, 1.0, moves=("spread",), source=_WAYS),
         Parameter("share", "1", 0.7, 1.4, (1.0, 0.1), amount=True,
-            source="1 by definition: of a command with play, all of it is felt; 0.1 is assumed for paths that differ"),
+            source="1 by definition: of a command with play, all of it is felt; "
+                   "0.1 is assumed for paths that differ"),
         Parameter("relay", "1", 0.0, 1.0,
             source="a number of the rotor (0 upper, 1 lower) whose speed flips it"),
         *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),
