@@ -18,13 +18,14 @@ import argparse
 import csv
 import json
 import math
-import subprocess
 import sys
 import tempfile
 import time
 import tomllib
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -169,14 +170,26 @@ def truth(path: Path) -> tuple[float, dict[str, list[float]], dict[str, list[flo
     return float(np.median(weights)), watts, savings
 
 
-def coaxlink(*arguments: object) -> str:
-    """Run a verb as a user does; its stdout. Raises RuntimeError with its stderr."""
-    run = subprocess.run(
-        [sys.executable, "-m", "coaxlink", *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-    if run.returncode not in (0, 1):
-        raise RuntimeError(f"{arguments[0]}: exit {run.returncode}: {run.stderr.strip()[-300:]}")
-    return run.stdout
+def run(*words: Any) -> tuple[int, str, str]:
+    """A verb in this process, which has loaded what it needs: its exit code, stdout, stderr."""
+    from coaxlink.cli import main as verb
+
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            verb([str(word) for word in words])
+            code = 0
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return code, out.getvalue(), err.getvalue()
+
+
+def coaxlink(*words: Any) -> str:
+    """What a verb says on stdout. Raises RuntimeError with its stderr."""
+    code, out, err = run(*words)
+    if code not in (0, 1):
+        raise RuntimeError(f"{words[0]}: exit {code}: {err.strip()[-300:]}")
+    return out
 
 
 def walk(path: Path, folder: Path, *, fly: bool) -> Row:

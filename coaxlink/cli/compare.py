@@ -136,9 +136,11 @@ def compare(
 def _laws(vehicle: Vehicle, fitted: Law, *, printed: bool) -> list[tuple[str, Law]]:
     """All laws of a vehicle by label; `printed`: also the paper's own, as it prints them."""
     from coaxlink.mixer import make_law
+    from coaxlink.mixer.exact.compiled import is_kept
     from coaxlink.tables.curved_law import curved_law
 
-    made = {name: make_law(name, vehicle) for name in ("standard", "reduced", "coaxial", "exact")}
+    made = {name: make_law(name, vehicle) for name in ("standard", "reduced", "coaxial")}
+    made["exact"] = make_law("exact", vehicle, compiled=is_kept())
     made |= {"curved": curved_law(vehicle), "fitted": fitted}
     order = ["standard", "curved", "reduced", "fitted", "coaxial", "exact"]
     if printed:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,7 +56,8 @@ class Witness:
         """The autopilot's outputs while it flies, us. Judged only where we have been answering all along."""
         if not self._sent or now - self._sent[-1][0] > GAP_S or now - self._since < WINDOW_S:
             return
-        envelope = np.array([c[: self._count] for t, c in self._sent if now - t <= WINDOW_S])
+        recent = takewhile(lambda sent: now - sent[0] <= WINDOW_S, reversed(self._sent))
+        envelope = np.array([c[: self._count] for _, c in recent])
         u = (np.array(outputs_us[: self._count]) - 1000.0) / 1000.0
         inside = (u >= envelope.min(axis=0) - TOLERANCE) & (u <= envelope.max(axis=0) + TOLERANCE)
         ours = bool(inside.all())

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -223,7 +223,14 @@ class TableOnRotors:
         return self.vehicle.turned(self.commands(demand), self._full_speed)
 
     def wrench(self, demand: Array) -> Array:
-        return self.airframe.wrench(*self.airframe.loads(self.model, self.speeds(demand)))
+        """(4,) N and N m."""
+        return self.wrenches([demand])[0]
+
+    def wrenches(self, demands: Iterable[Array]) -> Array:
+        """(rows, 4) of demands (rows, 4), asked for one after another."""
+        commands = np.array([self.commands(demand) for demand in demands])
+        speeds = self.vehicle.turned(commands, self._full_speed)
+        return self.airframe.wrench(*self.airframe.loads(self.model, speeds))
 
     def bound(self, commands: Array) -> NDArray[np.bool_]:
         """Whether rotors (N,) can go no further."""
@@ -233,7 +240,9 @@ class TableOnRotors:
         return float(self.wrench(np.array([thrust, 0.0, 0.0, 0.0]))[0])
 
     def ceiling(self) -> float:
-        return max(self.lift(t) for t in np.linspace(0.5, 1.0, 51))
+        demands = np.zeros((51, 4))
+        demands[:, 0] = np.linspace(0.5, 1.0, 51)
+        return float(self.wrenches(demands)[:, 0].max())
 
     def power(self, thrust: float) -> tuple[float, float]:
         """Watts at the shafts, and from the battery (NaN where these were not measured)."""
@@ -244,12 +253,9 @@ class TableOnRotors:
         """(4,) of each axis by its own demand."""
         if thrust is None:
             return np.full(4, math.nan)
-        found = []
-        for axis in range(4):
-            step = STEP * np.eye(4)[axis]
-            at = np.array([thrust, 0.0, 0.0, 0.0])
-            found.append((self.wrench(at + step) - self.wrench(at - step))[axis] / (2.0 * STEP))
-        return np.array(found)
+        at = np.array([thrust, 0.0, 0.0, 0.0])
+        found = self.wrenches(at + s * step for step in STEP * np.eye(4) for s in (1.0, -1.0))
+        return (found[::2] - found[1::2]).diagonal() / (2.0 * STEP)
 
 
 def reach(fly: TableOnRotors, hover: float, axis: int) -> AxisReach:
@@ -296,10 +302,10 @@ def _coupling(fly: TableOnRotors, hover: float, gain: Array, hard: Array) -> Arr
     still, rows = fly.wrench(at), []
     for axis in (1, 2, 3):
         meant = hard[axis - 1] * np.eye(4)[axis]
-        off = [
-            fly.wrench(at + s * meant / gain[axis] * np.eye(4)[axis]) - still - s * meant for s in (1.0, -1.0)
-        ]
-        rows.append(np.where(np.abs(off[0]) >= np.abs(off[1]), off[0], off[1]))
+        signs = np.array([1.0, -1.0])[:, None]
+        off = fly.wrenches(at + signs * meant / gain[axis]) - still - signs * meant
+        tied = np.abs(off[0]) >= 0.999 * np.abs(off[1])  # as a symmetric vehicle's are
+        rows.append(np.where(tied, off[0], off[1]))
     return np.array(rows)
 
 
@@ -326,14 +332,15 @@ def _most_held(fly: TableOnRotors, turn: Array) -> float:
 def _least_lift(fly: TableOnRotors, thrust: float, turn: Array) -> float:
     """N at a thrust demand under the demands `turn` of roll and yaw at once, the worst of four ways."""
     ways = itertools.product((1.0, -1.0), repeat=2)
-    return min(float(fly.wrench(np.array([thrust, r * turn[0], 0.0, y * turn[1]]))[0]) for r, y in ways)
+    demands = [np.array([thrust, r * turn[0], 0.0, y * turn[1]]) for r, y in ways]
+    return float(fly.wrenches(demands)[:, 0].min())
 
 
 def _shape_error(fly: TableOnRotors, hover: float, gain: Array, wrenches: Array) -> Array:
     """(4,) mean |delivered - g demand|, g of least squares; demands mean `wrenches` by hover's own gains."""
     unit = np.array([fly.airframe.mass_kg * GRAVITY_M_S2 / hover, *gain[1:]])
     demands = wrenches / unit
-    delivered = np.array([fly.wrench(d) for d in demands])
+    delivered = fly.wrenches(demands)
     best = (demands * delivered).sum(axis=0) / (demands**2).sum(axis=0)
     return np.asarray(np.abs(delivered - best * demands).mean(axis=0))
 

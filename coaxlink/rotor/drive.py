@@ -121,14 +121,12 @@ class SpeedTable:
         """Speeds (...) at commands (...), between the table's points by straight lines."""
         a, b = np.broadcast_arrays(np.asarray(upper, float), np.asarray(lower, float))
         step = MOST_COMMAND / (POINTS - 1)
-        x, y = (np.clip(c / step, 0.0, POINTS - 1 - 1e-9) for c in (a, b))
-        known = np.isfinite(x) & np.isfinite(y)
-        i, j = (np.where(known, c, 0.0).astype(int) for c in (x, y))
+        x, y = (np.minimum(np.maximum(c / step, 0.0), POINTS - 1 - 1e-9) for c in (a, b))
+        i, j = (np.fmax(c, 0.0).astype(int) for c in (x, y))  # what is no number has a place, and stays none
         p, q = x - i, y - j
         t = self.speeds
         found = (1 - p) * ((1 - q) * t[:, i, j] + q * t[:, i, j + 1])
         found = found + p * ((1 - q) * t[:, i + 1, j] + q * t[:, i + 1, j + 1])
-        found = np.where(known, found, np.nan)
         return found[0], found[1]
 
 

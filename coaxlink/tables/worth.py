@@ -8,6 +8,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.demands import Commands, law_commands
 from coaxlink.mixer.exact import ExactLaw
+from coaxlink.mixer.exact.compiled import is_kept
 from coaxlink.mixer.fitted import FittedTable, px4_columns
 from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, weigh
 from coaxlink.tables.default_law import choose_law
@@ -79,7 +80,7 @@ def px4_worths(
         except (TableError, ValueError) as error:
             left_out[name] = str(error)
     full = float(airframe.wrench(*airframe.loads(vehicle.model, vehicle.full))[0])
-    commands[LIVE] = law_commands(ExactLaw(vehicle), vehicle, full)
+    commands[LIVE] = law_commands(ExactLaw(vehicle, compiled=is_kept()), vehicle, full)
     rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in commands.items())
     curved = tables.get(CURVED)
     return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac, chosen, fit)

@@ -197,7 +197,7 @@ class UlogLogger(Logger):
         self._layouts = {name: topic.layout for name, topic in TOPICS.items()}
         self._session = self._number = 0
         self._flown = False
-        self._mode, self._profile = self._settings(autopilot)
+        self._read_settings(autopilot)
         self._states: dict[str, Any] = {}
         self._now = 0
         super().__init__(autopilot)
@@ -207,11 +207,15 @@ class UlogLogger(Logger):
         """After a reboot the count of logs starts anew, in a folder of its own."""
         self.close()
         self._number, self._flown = 0, False
-        self._mode, self._profile = self._settings(self.autopilot)
+        self._read_settings(self.autopilot)
 
-    @staticmethod
-    def _settings(autopilot: Any) -> tuple[int, int]:
-        return int(autopilot.store["SDLOG_MODE"]), int(autopilot.store["SDLOG_PROFILE"])
+    def _read_settings(self, autopilot: Any) -> None:
+        """Mode and profile, which count from a boot on."""
+        self._mode, profile = int(autopilot.store["SDLOG_MODE"]), int(autopilot.store["SDLOG_PROFILE"])
+        rates = [
+            (number, name, topic, topic.rate(profile)) for number, (name, topic) in enumerate(TOPICS.items())
+        ]
+        self._logged = [(*topic, EVENTS.get(topic[1])) for topic in rates if topic[3]]
 
     def wanted(self) -> bool:
         a, mode = self.autopilot, self._mode
@@ -267,13 +271,12 @@ class UlogLogger(Logger):
 
     def rows(self, now_us: int) -> bytes:
         a, out = self.autopilot, b""
-        for number, (name, topic) in enumerate(TOPICS.items()):
-            hz = topic.rate(self._profile)
-            if not hz:
-                continue
-            state = EVENTS[name](a) if name in EVENTS else None
-            fresh = self._states.get(name) != state
-            self._states[name] = state
+        for number, name, topic, hz, event in self._logged:
+            fresh = False
+            if event is not None:
+                state = event(a)
+                fresh = self._states.get(name) != state
+                self._states[name] = state
             if self.due(name, now_us, hz) or fresh:
                 out += framed(
                     "D", struct.pack("<H", number) + self._layouts[name].pack(*topic.row(a, now_us))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_flight import CRM, EXAMPLES, X8, Flight, LiveLine
-from memory_net import Line, plugged
+from memory_net import plugged
 from pymavlink.dialects.v20 import common as m
 from verb import run
 
@@ -98,47 +98,6 @@ def fly(flight: Flight, capsys, tmp_path: Path, *options: str):
     with plugged(flight.net):
         code, out, err = run(capsys, *words, *frame, *options)
     return code, out, err, json.loads(path.read_text()) if path.is_file() else {}
-
-
-@pytest.mark.slow
-def test_the_pilots_mode_change_brings_the_split_on_board_back(capsys, tmp_path) -> None:
-    flight = Flight(airborne=False)
-    asked: list[float] = []
-    address = flight.net.address()
-    pilot = connect(
-        flight.url(), transport=Line(flight.net, flight.addresses[0], address), clock=flight.clock,
-        source_system=255, source_component=190,
-    )  # fmt: skip
-
-    def grab() -> None:
-        asked.append(flight.clock.monotonic())
-        pilot.send(m.MAVLink_command_long_message(1, 1, 176, 0, 1, POSITION, 0, 0, 0, 0, 0))
-
-    def look() -> None:
-        if len(flight.rows) > 2500 and all(row.driven for row in flight.rows[-2500:]):
-            grab()
-        else:
-            flight.clock.later(0.1, look)
-
-    look()
-    with pilot:
-        code, _, err, found = fly(flight, capsys, tmp_path, "--minutes", "4.3")
-        flight.clock.sleep(2.0)
-    assert code == 1, err
-    assert found["result"] == "pilot" and "why" in found["split"]
-    assert flight.own_since(asked[0]) < 0.5
-    assert flight.rows[-1].height_m > 2.0
-
-
-@pytest.mark.slow
-def test_a_battery_at_its_floor_lands_on_the_split_on_board(capsys, tmp_path) -> None:
-    flight = Flight(airborne=False)
-    code, _, err, found = fly(flight, capsys, tmp_path, "--minutes", "4.3", "--battery", "0.93")
-    assert code == 4, err
-    assert found["result"] == "limit" and not flight.autopilot.armed
-    driven = [row.driven for row in flight.rows]
-    last = len(driven) - driven[::-1].index(True)
-    assert flight.rows[last].height_m > 2.0  # the landing was flown by the board
 
 
 @pytest.mark.slow

@@ -155,7 +155,7 @@ def test_the_pilots_mode_change(capsys, tmp_path, firmware, kind) -> None:
     flight = kind()
     code, err, found, cause_s = fly(flight, capsys, tmp_path, grabbed)
     back, lost = told(flight, firmware, "mode change", cause_s)
-    assert code == 1 and found["result"] == "pilot", err
+    assert code == 1 and found["result"] == "pilot" and "why" in found["split"], err
     assert back < BACK_S and lost < LOST_M and flight.rows[-1].height_m > 2.0
 
 
@@ -167,6 +167,9 @@ def test_the_battery_below_its_floor(capsys, tmp_path, firmware, kind) -> None:
     back, lost = told(flight, firmware, "battery", cause_s)
     assert code == 4 and found["result"] == "limit" and "battery" in found["why"], err
     assert back < BACK_S and lost < SECOND_S and not flight.autopilot.armed
+    driven = [row.driven for row in flight.rows]
+    last = len(driven) - driven[::-1].index(True)
+    assert flight.rows[last].height_m > 2.0  # the landing was flown by the board
 
 
 @BOTH

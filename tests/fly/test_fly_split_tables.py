@@ -105,6 +105,30 @@ def test_the_verb_flies_two_tables_on_a_px4_that_is_not_mixed_live(capsys: Any, 
     assert found["saving"] == pytest.approx(1.0 - truth[1] / truth[0], abs=0.01)
 
 
+@pytest.mark.slow
+def test_arducopters_escs_are_heard_all_eight_though_one_message_was_asked_for(
+    capsys: Any, tmp_path: Path
+) -> None:
+    class Copter(Flight):
+        firmware = "ardupilot"
+
+        def prepare(self) -> None:
+            pass
+
+    truth = tmp_path / "truth.toml"
+    truth.write_text('[[effects]]\nname = "power_module"\nsize = 0.06\noffset_A = 0.0\n')
+    flight = Copter(airborne=False, truth=truth)
+    words = ["fly", "--plan", "split", "--tables", "--minutes", 1.6, "--connect", flight.url(), "--airframe"]
+    words += [FRAME, "--no-log", "--yes", "--out", tmp_path, "--json", tmp_path / "fly.json"]
+    with plugged(flight.net):
+        code, _, err = run(capsys, *words)
+    assert code == 0, err
+    escs = json.loads((tmp_path / "fly.json").read_text())["split"]["escs"]
+    assert escs["ratio"] == pytest.approx(1.0 / 1.06, abs=0.02) and not escs["agree"]
+    assert min(*escs["upper_A"], *escs["lower_A"]) > 1.0
+    assert "the ESCs' amps sum to 0.9" in err
+
+
 @pytest.mark.parametrize(("firmware", "acts"), [("px4:1.13", 0), ("px4:1.13", 1), ("px4:1.16", None)])
 def test_a_table_that_px4_ignores_is_not_flown_in_turn(
     capsys: Any, tmp_path: Path, firmware: str, acts: int | None

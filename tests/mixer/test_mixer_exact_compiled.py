@@ -54,10 +54,14 @@ def test_what_is_compiled_is_kept_by_every_source_of_the_law(tmp_path):
 
 
 @pytest.mark.slow
-def test_compiled_or_not_it_is_the_same_law_and_ten_thousand_wrenches_are_delivered():
+def test_compiled_or_not_it_is_the_same_law_and_ten_thousand_wrenches_are_delivered(tmp_path, monkeypatch):
     x8 = load_vehicle(files.example("x8_paper.toml"))
     fast, plain = ExactLaw(x8, compiled=True), ExactLaw(x8)
     assert fast.compiled and not plain.compiled
+    fast.speeds([150.0, 0.0, 0.0, 0.0])  # what is compiled is kept
+    assert compiled.is_kept()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert not compiled.is_kept()
     rng = np.random.default_rng(4)
     demands = rng.uniform([100, -6, -6, -3], [320, 6, 6, 3], (40, 4))
     demands[::8, 3] = 20.0

@@ -7,6 +7,7 @@ numba is imported here and nowhere else in the law, and only when a compiled law
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
@@ -78,3 +79,10 @@ def one_at_a_time(function: Any, folder: Path) -> Any:
 def source_digest(folder: Path = Path(__file__).parent) -> str:
     """Of all sources of the law."""
     return hashlib.sha256(b"".join(p.read_bytes() for p in sorted(folder.glob("*.py")))).hexdigest()[:16]
+
+
+def is_kept() -> bool:
+    """Whether `function` is compiled already for this source: then it costs half a second, not twenty."""
+    folder = files.code_folder(f"exact-{source_digest()}")
+    made = folder.glob(f"**/solver.optimum-*.py{sys.version_info[0]}{sys.version_info[1]}.nbi")
+    return next(made, None) is not None and not files.keep_private(folder)

@@ -86,7 +86,9 @@ class _Free:
 
 def _rest(values: Array, design: Array) -> Array:
     """(rows, M) what a fit leaves of columns."""
-    return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
+    base, size, _ = np.linalg.svd(design, full_matrices=False)
+    base = base[:, size > np.finfo(float).eps * len(design) * size[0]]
+    return np.asarray(values - base @ (base.T @ values))
 
 
 def _late_somewhere(log: Samples, free: _Free) -> Iterator[Finding]:
