@@ -331,14 +331,26 @@ def weighed(verb: str, log: Any, vehicle: Any) -> tuple[str, tuple[str, ...], An
             if not (reasons := flown_by(inputs, vehicle)):
                 update = coefficients_from_flights(inputs.logs, vehicle.declared, vehicle.rotors)
                 reasons, loads = update_hangs_on(update, inputs.logs, vehicle), update.loads
-            told = [{"why": s.line()} for s in inputs.suspects]
+            told = [{"column": s.column, "why": s.why} for s in inputs.suspects]
             told += [{"why": note} for note in update.notes] if loads else []
             found = as_json(reasons) | {"terms": {}, "suspect_data": told}
     except InputError as error:
         return f"refused: {error}"[:120], (str(error),), None
     lacks = [r for key in ("cannot_judge", "not_this_vehicle", "suspect_data") for r in found.get(key) or ()]
     granted = found.get("premises", found.get("notes", ()))
-    return words(verb, found, "a model"), (*granted, *(str(r["why"]) for r in lacks)), loads
+    return words(verb, found, "a model"), (*granted, *map(doubt, lacks)), loads
+
+
+def doubt(reason: dict[str, Any]) -> str:
+    """With the column, premise or check that it is about."""
+    about = " ".join(str(reason[key]) for key in ("column", "premise", "check") if key in reason)
+    return f"{about}: {reason['why']}"
+
+
+def news(doubts: tuple[str, ...], before: tuple[str, ...]) -> list[str]:
+    """Doubts that the whole log does not have, whatever their figures; rows left out are no doubt."""
+    known = {re.sub(r"[\d.]+", "#", d) for d in before}
+    return [d for d in doubts if re.sub(r"[\d.]+", "#", d) not in known and "s not judged: " not in d]
 
 
 def told_of(log: Any, vehicle: Any) -> set[tuple[str, str]]:
@@ -395,7 +407,7 @@ def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path], first
             answer, doubts, loads = weighed(verb, damaged, vehicle)
             before, granted, then = right[name, verb]
             same = answer == before and alike(loads, then)
-            new = set(doubts) - set(granted)
+            new = news(doubts, granted)
             told_it = any(concerns(d, way, hurt) for d in new)
             how = "the same" if same else "with doubt" if told_it else "ELSEWHERE" if new else "SILENT"
             why = UNTOLD.get((way, kind_of(column), bool(rows.all())), "") if how == "SILENT" else ""
