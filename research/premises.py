@@ -410,7 +410,8 @@ def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path], first
             new = news(doubts, granted)
             told_it = any(concerns(d, way, hurt) for d in new)
             how = "the same" if same else "with doubt" if told_it else "ELSEWHERE" if new else "SILENT"
-            why = UNTOLD.get((way, kind_of(column), bool(rows.all())), "") if how == "SILENT" else ""
+            unsaid = how in ("SILENT", "ELSEWHERE")
+            why = UNTOLD.get((way, kind_of(column), bool(rows.all())), "") if unsaid else ""
             how = "untold" if why else how
             found[way, verb, how] += 1
             if how in ("SILENT", "untold", "ELSEWHERE"):
