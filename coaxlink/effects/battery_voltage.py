@@ -83,9 +83,10 @@ def _no_voltage(frame: StandFrame) -> str | None:
     if nothing:
         return f"the voltage reads nothing in {nothing} rows"
     spread = float(np.ptp(np.quantile(v, [0.02, 0.98])) / max(float(np.median(v)), 1e-6))
-    return None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %"
+    return None if spread > LEAST_MOVE else f"the voltage moves by only {100 * spread:.2f} %"
 
 
+LEAST_MOVE = 1e-3  # of the voltage: two tenths of a per cent of thrust, what a cell of class C3 may err by
 POWERS, CAPS, SOFT = (0.4, 0.7, 1.0), (0.75, 0.85, 0.95, 1.05), 0.03  # starts; of normalised speed
 
 

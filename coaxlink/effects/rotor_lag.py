@@ -188,11 +188,11 @@ def _starts(frame: StandFrame) -> Sequence[Numbers]:
         raise NotShown(why)
     jumps: tuple[Numbers, ...] = ({}, {"stepped": 1.0})
     lags: list[Numbers] = [{"share": 1.0, "lag_s": s} for s in STAND_LAGS_S]
-    measured = not frame.driven and frame.throttles is None
+    if not frame.driven and frame.throttles is None:
+        return [{**lag, "wake": 1.0} for lag in lags]
     return [
         *({**lag, **jump} for lag in lags for jump in jumps),
         *({**lag, "damping": d, **jump} for lag in lags[::2] for d in DAMPINGS for jump in jumps),
-        *({**lag, "wake": 1.0} for lag in lags if measured),
     ]
 
 

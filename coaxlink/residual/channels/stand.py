@@ -35,15 +35,15 @@ LEAST_ROWS = 16  # judgement: one load over one speed (12 rows) and a few to be 
 ROWS_A_TERM = 4  # judgement: of a polynomial; with fewer it is no nuisance model to judge anything by
 APART = 0.02  # of normalised speed: less is one speed
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
+# of a speed's range, and how often (judgement): who sets a speed does not take it up, down and up by little
+TREMBLES, OFTEN = 0.02, 3
 IDLE = 0.04  # of full speed
 UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
 # of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
 JUMP, WINDMILL = 0.01, 0.1
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
-DELAY_S, FAST_S = (
-    0.06,
-    0.3,
-)  # of load cells behind tachometers (filters, clocks); rows slower than that are settled
+# of load cells behind tachometers (filters, clocks); rows slower than that are settled
+DELAY_S, FAST_S = 0.06, 0.3
 Nuisance = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
 
 
@@ -161,10 +161,17 @@ def _turned(model: RotorModel, samples: Samples, throttles: Array) -> Array:
 
 
 def _set_points(u: Array) -> bool:
-    """Whether speeds (rows, 2) are what somebody asked for: tachometers do not repeat to the last digit."""
+    """Whether speeds (rows, 2) are what somebody asked for: tachometers do not repeat to the last digit, and
+    a coarse one, which does, trembles between its steps.
+    """
     for column in u.T:
         turning = column[column > 0.0]
         if len(np.unique(turning)) > SETTINGS * len(turning):
+            return False
+        moves = np.diff(column)
+        small = np.abs(moves) < TREMBLES * np.ptp(column)
+        turns = (moves[1:] * moves[:-1] < 0.0) & small[1:] & small[:-1]
+        if np.sum(turns[1:] & turns[:-1]) >= OFTEN:
             return False
     return len(u) > LEAST_ROWS
 

@@ -12,6 +12,7 @@ from scipy.stats import truncnorm
 from coaxlink.data.samples import Samples
 from coaxlink.effects.onset import COMES
 from coaxlink.frames import Array, FlightFrame, StandFrame
+from coaxlink.residual.channels.stand import DELAY_S
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, prior_of
 from coaxlink.residual.diagnosis.noise import white
@@ -36,6 +37,7 @@ from coaxlink.rotor import EffectEntry, RotorModel
 DRAWS = 200
 SERIES_ROWS = 4000
 OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
+DELAY = "_delay_s"  # of a load behind the speeds
 WORTH_SAYING = 0.02  # of a channel's error: by how much more it errs with the effects
 
 
@@ -158,6 +160,7 @@ def reported(j: Judged, logs: Sequence[Samples]) -> Refinement:
         notes=(
             *frame.notes,
             *j.notes,
+            *_late(f),
             *(_at_limit(f) if not (effects or j.open_ends or j.suspects) else ()),
             *_worse(channels),
             *(note for log in logs for note in log.notes),
@@ -183,6 +186,15 @@ def _at_limit(f: Fitted) -> tuple[str, ...]:
         f"{', '.join(at)}: as large as a given model may be off by; something small may hide in them "
         "(more rows at low and full speed would tell)",
     )
+
+
+def _late(f: Fitted) -> tuple[str, ...]:
+    """Of a stand's loads that come later than cells and clocks may."""
+    late = {n: v for n, v in f.corrections.items() if n.endswith(DELAY) and abs(v) > DELAY_S}
+    if not isinstance(f.channels.frame, StandFrame) or not late:
+        return ()
+    which = ", ".join(f"{name.removesuffix(DELAY)} {value:.2g} s" for name, value in late.items())
+    return (f"after the speeds, by a filter or another clock: {which}; it is corrected, and no effect",)
 
 
 def _worse(channels: Mapping[str, ChannelError]) -> tuple[str, ...]:

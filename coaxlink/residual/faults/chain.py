@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
-from coaxlink.residual.channels.stand import COLUMN_OF
+from coaxlink.residual.channels.stand import COLUMN_OF, dictionary_of
 from coaxlink.residual.faults.states import (
     AGREED,
     RATIOS,
@@ -27,6 +27,7 @@ from coaxlink.residual.faults.states import (
     Mask,
     Said,
     State,
+    earlier,
     exchanges,
     named,
     readings_of,
@@ -44,10 +45,13 @@ from coaxlink.residual.faults.yardstick import (
     nats_of,
     yardstick_of,
 )
+from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.polynomial import design_matrix
 
 # priors: name = value  # unit, source
 LIKE = 0.05  # of full speed: rows at like speeds
 CLOSER, NEAR, OFF = 4.0, 4.0, 25.0  # times; squared tolerances, of each channel; more is off, by however much
+LATEST_S = 3.0  # s, judgement: an amplifier's filter or another clock; later is another run's column
 SLIP = 0.01  # of the speed: a motor's curve of throttle is told to that
 GAIN, OTHER = 0.05, 0.25  # of the load: spans drift by less within a log; of that, by the rotor's other load
 RUNS, AGREE, AMONG = 2, 0.35, 12  # of another gain; of it, by so many rows that have others at like speeds
@@ -77,6 +81,7 @@ def lies(frame: StandFrame, usable: Mask) -> list[Said]:
     # of all rows a fit tells nothing of what is free in it: a rotor's thrust and its torque
     told = [s for s in states if frame.free_nuisance and (s.exchanged or s.channels in ((0, 2), (1, 3)))]
     every += [(s, usable) for s in told or [s for s in states if s.exchanged == "throttles"]]
+    every += [(s, usable) for s in _late_cells(frame, usable)]
     for begun in every:
         best = best.or_(_path(frame, usable, usable, [begun]))
     return best.found
@@ -153,7 +158,7 @@ def _path(
         stick = yardstick_of(frame, trusted, read, fine)
         found, nats = _states(stick, usable, fine)
         gone = np.logical_or.reduce([np.zeros(len(usable), bool), *(s.rows for s in found)])
-        again = [(s.state, s.rows) for s in found if s.state.exchanges or fine] if begun else []
+        again = [(s.state, s.rows) for s in found if s.state.kept or fine] if begun else []
         now = usable & ~gone
         for _, rows in again:
             now = now | rows
@@ -211,6 +216,7 @@ def _possible(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> lis
         factor = float(np.median(off)) if len(off) else 1.0
         if not PHYSICS[0] < factor < PHYSICS[1] and abs(factor) > 1e-4:
             out.append(State(name, scale_words(c, factor), (c,), factor=factor))
+        out += [_late(frame, c, late) for late in [_rows_late(stick, usable, due, c)] if late]
     for side in (0, 1) if not frame.driven else ():
         loads = [c for c in (2 * side, 2 * side + 1) if c in frame.present]
         if not np.any(usable & ~possible[:, loads].all(axis=1)):  # as pulses miscounted make them
@@ -227,6 +233,47 @@ def _possible(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> lis
                 ratios.add(usually)
         out += [State(RPM[side], says, side=side, ratio=r) for r in sorted(ratios) if r > 0.05]
     return out
+
+
+def _late(frame: StandFrame, c: int, rows: int) -> State:
+    seconds = rows * float(np.median(np.diff(frame.time_s)))
+    says = f"comes {seconds:.2g} s after the speeds, and the rotor's other load does not"
+    return State(COLUMN_OF[STAND_CHANNELS[c]], says, (c,), late=rows)
+
+
+def _most_late(frame: StandFrame, usable: Mask, c: int) -> int:
+    """Rows by which a load may be late; none without the rotor's other load, which is not."""
+    step = float(np.median(np.diff(frame.time_s)))
+    known = c ^ 1 in frame.present and step > 0.0
+    return min(int(LATEST_S / step), int(usable.sum()) // 4) if known else 0
+
+
+def _rows_late(stick: Yardstick, usable: Mask, due: Array, c: int) -> int:
+    """By how many rows a load is behind what its speeds give; none where the rotor's other load, which a lag
+    of the rotor or of its wake would move too, is not nearer as it is.
+    """
+    frame, partner = stick.frame, c ^ 1
+
+    def missed(load: int, rows: int) -> float:
+        off = (earlier(frame.measured[:, load], rows) - due[:, load])[usable]
+        return float(np.mean(np.minimum((off / stick.tolerance[load]) ** 2, OFF)))
+
+    late = int(np.argmin([missed(c, k) for k in range(_most_late(frame, usable, c) + 1)]))
+    return late if late and missed(partner, 0) < missed(partner, late) else 0
+
+
+def _late_cells(frame: StandFrame, usable: Mask) -> Iterator[State]:
+    """Loads that polynomials of the speeds follow better some rows earlier, where no model is given: a fit to
+    what came late follows neither.
+    """
+    rows = np.flatnonzero(usable)[:: max(1, int(usable.sum()) // SCREENED_ROWS)]
+    for c in [c for c in frame.present if c < 4 and frame.free_nuisance]:
+        x = design_matrix(dictionary_of(LOADS[c], 2), *frame.speeds[rows].T)
+        across = np.eye(len(rows)) - x @ np.linalg.pinv(x)
+        shifts = range(_most_late(frame, usable, c) + 1)
+        left = np.array([float(np.std(across @ earlier(frame.measured[:, c], k)[rows])) for k in shifts])
+        if (late := int(np.argmin(left))) and CLOSER * left[late] < left[0]:
+            yield _late(frame, c, late)
 
 
 def _states(stick: Yardstick, usable: Mask, fine: bool) -> tuple[list[Said], float]:

@@ -15,6 +15,7 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF
 from coaxlink.residual.faults.chain import lies, slips
+from coaxlink.residual.faults.spikes import spikes
 from coaxlink.residual.faults.stand_repeats import (
     copied_columns,
     repeated_rows,
@@ -85,7 +86,7 @@ def find_suspects(frame: StandFrame) -> FlaggedColumns:
     repeated = repeated_rows(frame) & ~found.bad
     if repeated.any():
         found.rows("all loads", repeated, "these readings stand in the log before, digit by digit")
-    for column, rows, why in copied_columns(frame, ~found.bad):
+    for column, rows, why in (*copied_columns(frame, ~found.bad), *spikes(frame, ~found.bad)):
         found.rows(column, rows, why)
     if not found.silent:
         for said in lies(frame, ~found.bad):

@@ -6,6 +6,7 @@
     exchanged throttles     of the two rotors                   the commands are swapped
     a cell's factor         divided by it                       another unit, sign or gain
     a cell's plug           not: it reads nothing               a plug or a wire is loose
+    a cell's rows           read some rows earlier              its amplifier or its clock is late
     a tachometer's ratio    divided by it                       pulses are counted wrong
     a tachometer, anything  the speed that its throttle gives   "
 
@@ -75,11 +76,17 @@ class State:
     exchanged: str = ""  # speeds or throttles: of the two rotors
     side: int = -1  # whose tachometer lies
     ratio: float = 0.0  # that it reads of the speed; nothing: anything
+    late: int = 0  # rows that its channels are behind
 
     @property
     def exchanges(self) -> bool:
         """Whether labels are exchanged, which takes nothing away."""
         return bool(self.exchanged) or self.source != (0, 1, 2, 3)
+
+    @property
+    def kept(self) -> bool:
+        """Whether its rows say as much as sound ones, once it is undone."""
+        return self.exchanges or self.late > 0
 
     @property
     def concerns(self) -> tuple[int, ...]:
@@ -110,7 +117,10 @@ class State:
             return replace(log, speeds=mixed(log.speeds, log.speeds / times))
         times = np.ones(4)
         times[list(self.channels)] = self.factor or 1.0
-        return replace(log, loads=mixed(log.loads, log.loads[:, list(self.source)] / times))
+        loads = log.loads[:, list(self.source)] / times
+        for c in self.channels if self.late else ():
+            loads[:, c] = earlier(loads[:, c], self.late)
+        return replace(log, loads=mixed(log.loads, loads))
 
 
 @dataclass(frozen=True)
@@ -137,6 +147,15 @@ class Said:
         if not self.state.factor:
             return self.state.says
         return f"{self.state.says} ({self.times:.0f} times closer than as labelled)"
+
+
+def earlier(column: Array, rows: int) -> Array:
+    """A column (rows,) by so many rows earlier; its end stands.
+
+    >>> earlier(np.array([0.0, 0.0, 1.0, 2.0]), 1).tolist()
+    [0.0, 1.0, 2.0, 2.0]
+    """
+    return np.asarray(np.concatenate([column[rows:], np.repeat(column[-1], min(rows, len(column)))]))
 
 
 def exchanges(frame: StandFrame) -> list[State]:
