@@ -149,6 +149,13 @@ def test_a_missing_column_is_one_clear_error(flights, airframe):
         refine(without, airframe, stand_identified(0))
 
 
+def test_rows_of_two_stretches_are_not_sorted_into_one_another(flights, airframe):
+    log = flights["clean"]
+    back = log.with_columns(time_s=log["time_s"] - 9.3 * (np.arange(log.rows) >= 1600))
+    with pytest.raises(InputError, match="row 1601, column time_s: time goes back"):
+        refine(back, airframe, stand_identified(0))
+
+
 def test_what_begins_in_a_short_flight_is_seen(airframe):
     """18 s, of which some 17 are judged: a third of a minute is what a test flight takes."""
     late, never = fly([{"weak": (3, 0.2), "onset": 9.0}, {}], seconds=18.0)

@@ -34,7 +34,8 @@ TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 
 MANY_ROWS, LONG_RATE_HZ, STRETCH_S = 60_000, 30.0, 120.0
 LEAST_ROWS, LEAST_S = 40, 4.0  # of a gapless stretch
 JUDGED_RATE_HZ = 10.0
-JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
+JUMP, MOST_JUMPS = 10.0, 0.5  # times the usual doubt about commands between rows; of the rows, left out
+MOST_BEHIND = 0.1  # of the rows, left out behind jumps
 AFTER_S = 0.4  # not judged behind a jump
 LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
 MATTERS = 1.0  # times the noise
@@ -233,8 +234,13 @@ def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
 def _gapless(number: int, log: Samples, names: list[str], motors: list[str]) -> list[_Run]:
     """The runs of a log's usable rows without a gap."""
     time = log["time_s"]
-    order = np.argsort(time, kind="stable")
     finite = np.isfinite(time)
+    order = np.flatnonzero(finite)
+    back = np.flatnonzero(np.diff(time[order]) < 0.0)
+    if len(back):  # a clock that was set, or a board that started again
+        where = log.place(int(order[back[0] + 1]))
+        problem = "time goes back: rows of two stretches are not one flight; give each as a log of its own"
+        raise InputError(log.source, f"{where}, column time_s", problem)
     lost = {"time_s is no number": int((~finite).sum())}
     for name in names:
         known = np.isfinite(log[name])
@@ -399,7 +405,7 @@ def _steady(
     steps = keep[excess > 1.0]
     last = steps[np.maximum(np.searchsorted(steps, keep, side="right") - 1, 0)] if len(steps) else keep + 1
     after = (keep >= last) & (keep - last <= AFTER_S * rate)
-    if np.mean(after) < MOST_JUMPS:
+    if np.mean(after) < MOST_BEHIND:
         sound &= ~after
     out = keep[sound]
     if len(out) < len(keep):
