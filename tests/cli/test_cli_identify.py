@@ -94,7 +94,7 @@ def test_a_tare_that_is_taken_off_is_said_without_asking(tmp_path: Path) -> None
     head, *rows = log.read_text().splitlines()
     cells = [row.split(",") for row in rows]
     off = [",".join([*c[:3], f"{float(c[3]) + 0.4:.5f}", *c[4:]]) for c in cells]
-    assert "tare" not in coaxlink("identify", log).err
+    assert "taken off" not in coaxlink("identify", log).err
     log.write_text("\n".join([head, *off]))
     run = coaxlink("identify", log)
     assert run.code == 0 and "tare taken off: upper_torque_Nm 0.4 in 1 rows at rest" in run.err
