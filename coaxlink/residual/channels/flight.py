@@ -34,8 +34,7 @@ TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 
 MANY_ROWS, LONG_RATE_HZ, STRETCH_S = 60_000, 30.0, 120.0
 LEAST_ROWS, LEAST_S = 40, 4.0  # of a gapless stretch
 JUDGED_RATE_HZ = 10.0
-JUMP, MOST_JUMPS = 10.0, 0.5  # times the usual doubt about commands between rows; of the rows, left out
-MOST_BEHIND = 0.1  # of the rows, left out behind jumps
+JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
 AFTER_S = 0.4  # not judged behind a jump
 LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
 MATTERS = 1.0  # times the noise
@@ -405,7 +404,7 @@ def _steady(
     steps = keep[excess > 1.0]
     last = steps[np.maximum(np.searchsorted(steps, keep, side="right") - 1, 0)] if len(steps) else keep + 1
     after = (keep >= last) & (keep - last <= AFTER_S * rate)
-    if np.mean(after) < MOST_BEHIND:
+    if np.mean(after) < MOST_JUMPS:
         sound &= ~after
     out = keep[sound]
     if len(out) < len(keep):
