@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import random
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,6 +25,33 @@ Way = Callable[[Samples, str, np.ndarray, random.Random], tuple[Samples, str]]
 # why nothing in a log can tell, by way, family, and whether it is so from the first row on
 WEAK = "a command that is off from the first row on is a weak rotor to its log: rpm or another log tell"
 UNTOLD = {("scale", "motor", True): WEAK, ("bias", "motor", True): WEAK}
+
+
+# what a doubt must speak of to be one about a column of this kind: the sensor, or a premise that it enters
+SENSORS = {
+    "motor": "command|output|motor|lift|lag|response|stamps", "rpm": "rpm|speed|magnets|ESC",
+    "accel": "accel|lift|weight|mass|stamps", "gyro": "gyro|turn|inertia|response|lag|stamps",
+    "vel": "vel|height", "angle": "roll|pitch|yaw|attitude|angle|gyros|heading", "height": "height|vel",
+    "voltage": "volt|pack|supply",
+}  # fmt: skip
+CLOCKS = r"\btime\b|clock|stamps|stretch|gap|missing|ends in|begins in|restart"  # of damage to rows
+NUMBERED = re.compile(r"\b(?:motor|rpm|rotor|ESC|output)s? ?(\d)")
+
+
+def concerns(said: str, way: str, columns: str) -> bool:
+    """Whether a doubt speaks of what is damaged: a column of "motor3, motor5", its sensor, a premise of it.
+
+    A doubt that names rotors names one of the damaged ones.
+    """
+    if way in ("drop", "time back"):
+        return re.search(CLOCKS, said) is not None
+    names = [n for n in re.findall(r"[a-z]\w+", columns) if kind_of(n)]
+    if any(re.search(rf"\b{re.escape(n)}\b", said) for n in names):
+        return True
+    rotors, told = {n[-1] for n in names if n[-1].isdigit()}, set(NUMBERED.findall(said))
+    if rotors and told:
+        return bool(rotors & told)
+    return any(re.search(SENSORS[kind_of(n)], said) for n in names)
 
 
 def kind_of(column: str) -> str:
@@ -172,7 +200,7 @@ STEPS = {"motor": (0.0, 1e-3, 1e-4), "accel": (0.0, 9.81e-3), "gyro": (0.0, 1e-3
          "angle": (0.0, 1e-3, 1.7e-4), "height": (0.0, 1e-2), "voltage": (0.0, 1e-2)}  # fmt: skip
 
 
-def undamaged(count: int, examples: Path) -> int:
+def undamaged(count: int, examples: Path, first: int = 0) -> int:
     """Sound logs of drawn flights, effects and resolutions: print each that is doubted; how many are."""
     from coaxlink.residual.faults.inputs import checked
     from coaxlink.tables.px4 import report_px4
@@ -189,7 +217,7 @@ def undamaged(count: int, examples: Path) -> int:
         for law in LAWS
     }
     doubted = 0
-    for n in range(count):
+    for n in range(first, first + count):
         dice = random.Random(n)
         law, plan, name = dice.choice(LAWS), dice.choice(PLANS), dice.choice(list(TRUE))
         seconds = dice.uniform(20.0, 90.0)
@@ -204,6 +232,7 @@ def undamaged(count: int, examples: Path) -> int:
                 log = log.with_columns(**{c: step * np.round(log[c] / step) for c in own})
         found = checked([log], vehicle.declared).suspects
         doubted += bool(found)
+        print(f"\r{n}, {doubted} doubted", end="", file=sys.stderr, flush=True)
         for suspect in found:
             print(f"{n}: {law}, {plan}, {name or 'no effect'}, {seconds:.0f} s: {suspect.line()}", flush=True)
     print(f"{doubted} of {count} sound logs are doubted", flush=True)

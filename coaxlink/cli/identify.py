@@ -168,6 +168,7 @@ def _read(logs: list[Path], how: StandOptions, joined: bool) -> list[Samples]:
 
 
 def _print(result: Identification, checks: LogChecks, every: bool) -> None:
+    from coaxlink.data.tare import TAKEN
     from coaxlink.report.identify import answer, drive_lines, remarks, sentence, tables
 
     data = result.data
@@ -181,6 +182,9 @@ def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     for line in (*result.warnings, *checks.odd):
         say(f"! {line}")
     if not every:
+        for note in data.samples.notes:  # the user's own numbers, changed
+            if note.startswith(TAKEN):
+                say(f"- {note}")
         say("terms, forms and remarks: --all, --report or --json")
         return
     for line in checks.covers:

@@ -233,7 +233,7 @@ class _Body:
 
     def table(self, notes: tuple[str, ...] = ()) -> TextTable:
         """All that was taken. Raises InputError when there is no row."""
-        layout = self.layout
+        layout, torn = self.layout, self._without_torn_end()
         if not self._rows:
             where = f"line {layout.heading_line + 1}"
             raise InputError(self.path, where, "no rows: numbers are expected under the heading line")
@@ -244,7 +244,7 @@ class _Body:
             Column(np.concatenate([p[i] for p in self._pieces]), self._odd.get(i), not self._filled[i])
             for i in range(self.width)
         )
-        said = [*layout.notes, *notes]
+        said = [*layout.notes, *notes, *torn]
         if self._repeated:
             said.append(f"headings repeated on {self._repeated} further lines, passed over")
         if self._short:
@@ -259,6 +259,16 @@ class _Body:
             self.path, layout.headings, layout.units, layout.heading_line, columns,
             np.concatenate(self._lines), tuple(said),
         )  # fmt: skip
+
+    def _without_torn_end(self) -> list[str]:
+        """Leave out a last row that alone ends early, as where power was cut: its last number may be, too."""
+        last = int(self._lines[-1][-1]) if self._lines else 0
+        if self._rows < 2 or list(self._short.values()) != [[last]]:
+            return []
+        self._short, self._rows = {}, self._rows - 1
+        self._pieces[-1], self._lines[-1] = self._pieces[-1][:, :-1], self._lines[-1][:-1]
+        self._odd = {i: (row, text) for i, (row, text) in self._odd.items() if row < self._rows}
+        return [f"line {last} is cut off, left out"]
 
 
 def _quoted(text: str) -> str:

@@ -17,6 +17,7 @@ SIGMAS = 4.0  # of its standard error: one sound load in 16,000
 FEW = 4  # rows at rest: below, their noise is that of all rows
 MANY = 16  # rows at rest: their mean is known to a quarter of what one reading scatters by
 LEAST = 12  # of those: fewer tell no noise
+TAKEN = "tare taken off"
 NORMAL_MAD = 1.4826  # sd over the median absolute deviation
 
 
@@ -55,7 +56,7 @@ def without_tares(samples: Samples) -> Samples:
         for name, (tare, noise, rows) in off.items()
     )
     less = {name: samples[name] - tare for name, (tare, _, _) in off.items()}
-    return samples.with_columns(**less).with_notes(f"tare taken off: {'; '.join(said)}")
+    return samples.with_columns(**less).with_notes(f"{TAKEN}: {'; '.join(said)}")
 
 
 def _stopped(rest: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ from coaxlink.health.columns import least_noise, rows_of
 from coaxlink.health.evidence import Rows, together
 from coaxlink.health.priors import FULL, TURNING
 from coaxlink.health.regressors import regressors
-from coaxlink.health.turning import LEAST_ROWS, apart, has_speed, speed_ratios, turning_words
+from coaxlink.health.turning import LEAST_ROWS, has_speed
 from coaxlink.premises import rotation_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.residual.diagnosis.flight_search import SETTLES
@@ -127,11 +127,6 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     covariance, notes = prior_covariance(prior, names, mean)
     measured = all(has_speeds(log, airframe) for log in logs)
     if measured:
-        ratios = [apart(speed_ratios(log, airframe, prior)) for log in logs]
-        doubt = (
-            "its ESC's reading is off, or its motor fails (coaxlink health); it is in this model as it reads"
-        )
-        notes += tuple(f"{turning_words(own)}: {doubt}" for own in ratios if own)
         logs = [by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
         numbers = [r.number for r in airframe.rotors]

@@ -36,6 +36,7 @@ from coaxlink.residual.result import Suspect
 from coaxlink.vehicle import Vehicle
 
 FELT = 0.01  # of the reference load, judgement: less moves no load in hover by its interval
+RPM_FIT = "by a log whose rpm go with the commands, or without its rpm columns"
 SEVERAL = 2.0  # times, judgement: what an error adds is then more than all else (squares add up)
 
 
@@ -156,15 +157,20 @@ def flown_by(inputs: Inputs, vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged
         differs = other_vehicle(frame, [log])
         found += [d for d in differs if not (estimated and d.check == "lift" and _near(d.found))]
         found += [r for r in lacking(frame) if not (estimated and r.premise == "rotation")]
-        found += () if found else speeds_contradict(frame, log, vehicle)
+        found += () if found else tuple(speeds_contradict(frame, log, vehicle))
     return (*found, *damage(logs))
 
 
 def speeds_contradict(frame: FlightFrame, log: Samples, vehicle: Vehicle) -> Iterator[NotJudged]:
-    """Speeds of the ESCs by which the model is much further off than by the commands: whatever the rotors do,
-    what they turned at explains it better than what they were asked for."""
+    """Speeds of the ESCs that no motors of one type have by their commands, or by which the model is much
+    further off than by the commands: whatever the rotors do, what they turned at explains it better than what
+    they were asked for."""
     body, model = vehicle.declared, vehicle.rotors
     if not has_speeds(log, body):
+        return
+    if off := apart(speed_ratios(log, body, model)):
+        why = f"{turning_words(off)}: the ESC's reading is off, or the motor fails"
+        yield NotJudged("rpm", f"{RPM_FIT} (coaxlink health tells which rotor is weak)", why)
         return
     turned = flight_frame([by_speed(log, body, model)], body, model.by_speed())
     turns, asked = _moves(turned), _moves(frame)
@@ -176,7 +182,7 @@ def speeds_contradict(frame: FlightFrame, log: Samples, vehicle: Vehicle) -> Ite
             f"{channel} of the model is {turns[k]:.2g} {unit} off by the ESCs' rpm, {asked[k]:.2g} {unit} by "
             "the commands: some rpm are none"
         )
-        yield NotJudged("rpm", "by a log whose rpm go with the commands, or without its rpm columns", why)
+        yield NotJudged("rpm", RPM_FIT, why)
 
 
 def _moves(frame: FlightFrame) -> Array:

@@ -17,6 +17,7 @@ from coaxlink.errors import InputError
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.premises.same_vehicle import other_vehicle
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.tables.px4 import not_in_newtons
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.errors import TableError
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 POINTS = 3000  # of a line on the page, the least and the largest of each stretch: what a screen can show
 IDEAL_ROWS = 400  # at which the exact law is asked for its split
 TAKE_OFF, AT_REST = "takes off", 0.05  # of full command: below it a motor stands or idles
+MEASURE = "measure the rotors on a stand (coaxlink identify), then upload a table of theirs"
 WORST = 4  # severity: warnings and worse (MAVLink, syslog)
 
 
@@ -154,7 +156,7 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
     frame = flight_frame([samples], airframe, model)
     time = frame.time_s[frame.keep] - start
     thrust = reduce_columns(frame, frame.thrust)
-    delivered, demanded, by = _wrenches(samples, vehicle, frame)
+    delivered, demanded, by, unknown = _wrenches(samples, vehicle, frame)
     rotors = tuple(
         Line(f"rotor {r.number} {r.level}", time, thrust[:, n], r.number - 1)
         for n, r in enumerate(airframe.rotors)
@@ -200,6 +202,7 @@ def _modelled(samples: Samples, vehicle: Vehicle, start: float) -> tuple[list[Ch
         sentences.insert(
             0, f"The lower rotors carried {flown:.0f} % of the thrust, {ideal:.0f} % is least power"
         )
+    sentences += [unknown] if unknown else []
     others = [f"This may be another vehicle's flight: {o.why}" for o in other_vehicle(frame, [samples])]
     return charts, ". ".join([*others, *sentences]) + "."
 
@@ -210,8 +213,10 @@ def _aside(torque_Nm: float, lift_N: float, one: str, other: str) -> str:
     return f"{abs(way):.1f} mm {one if way >= 0 else other}"
 
 
-def _wrenches(samples: Samples, vehicle: Vehicle, frame: Any) -> tuple[Array, Array, str]:
-    """(kept, 4) delivered and demanded [thrust up, roll, pitch, yaw], and by what it was demanded."""
+def _wrenches(samples: Samples, vehicle: Vehicle, frame: Any) -> tuple[Array, Array, str, str]:
+    """(kept, 4) delivered and demanded [thrust up, roll, pitch, yaw], by what it was demanded, and why not by
+    the table, where that is worth saying."""
+    unknown = ""
 
     def upward(loads: Array) -> Array:
         return np.concatenate([-loads[:, 2:3], loads[:, 3:6]], axis=1)
@@ -221,9 +226,13 @@ def _wrenches(samples: Samples, vehicle: Vehicle, frame: Any) -> tuple[Array, Ar
         by = "the table on board"
         if believed.shape != (len(frame.speeds), 4):
             raise ValueError(believed.shape)
+        lift = (float(np.mean(thrust[frame.keep, 0])) for thrust in (believed, upward(frame.measured)))
+        if why := not_in_newtons(samples.parameters, *lift):
+            believed, by = upward(frame.predicted), "the rotor model"
+            unknown = f"What the table on board means cannot be judged: {why}; {MEASURE}"
     except (TableError, ValueError, KeyError, IndexError):
         believed, by = upward(frame.predicted), "the rotor model"
-    return reduce_columns(frame, upward(frame.measured)), reduce_columns(frame, believed), by
+    return reduce_columns(frame, upward(frame.measured)), reduce_columns(frame, believed), by, unknown
 
 
 def _share(thrust: Array, upper: int, lower: int) -> Array:

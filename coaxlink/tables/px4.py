@@ -8,6 +8,8 @@ p_1l, its KM the torque of both rotors of the pair per u_u^2 over that thrust.
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +31,9 @@ from firmware_params.errors import Finding, TableError
 ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
 _AXES = (*TURNS, "thrust")
 _LEAN_SHARE = 0.02  # of the largest entry of an axis: less of an error is not named
+DEFAULT_CT = px4.PARAMETERS["CA_ROTOR0_CT"].default  # of every PX4 on whose rotors nobody set any
+# of what a flight shows, judgement: motors, packs and propellers of one kind are far nearer
+LEAST_CT, MOST_CT = 0.4, 2.5
 _LEVEL = np.linspace(*ENVELOPE, 12)  # of the weight: the envelope's thrusts
 
 
@@ -204,6 +209,20 @@ def px4_commands(mix: px4.Px4Mix) -> Commands:
         return mix.throttle(mix.setpoints([roll, pitch, yaw, 0.0, 0.0, -thrust]))
 
     return commands
+
+
+def not_in_newtons(parameters: Mapping[str, float], meant_N: float, thrust_N: float) -> str:
+    """Why the CA_ROTORn_CT on board are no newtons, where a flight shows it; "" where they may be.
+
+    A table means `meant_N` by the commands of a vehicle that makes `thrust_N`; no specimen of the rotors that
+    were measured makes 2.5 times, nor 0.4 times, what was measured.
+    """
+    given = [v for n, v in parameters.items() if re.fullmatch(r"CA_ROTOR\d+_CT", n)]
+    if given and all(ct == DEFAULT_CT for ct in given):
+        return f"the CT on board are not in newtons: PX4's default, {DEFAULT_CT:g}"
+    if thrust_N > 1.0 and not LEAST_CT < meant_N / thrust_N < MOST_CT:
+        return f"the CT on board are not in newtons ({meant_N:.0f} N for {thrust_N:.0f} N)"
+    return ""
 
 
 def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:

@@ -89,6 +89,18 @@ def test_several_logs_give_a_model_each_joined_they_give_one(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_a_tare_that_is_taken_off_is_said_without_asking(tmp_path: Path) -> None:
+    log = rcrm_log(tmp_path / "log.csv")
+    head, *rows = log.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    off = [",".join([*c[:3], f"{float(c[3]) + 0.4:.5f}", *c[4:]]) for c in cells]
+    assert "taken off" not in coaxlink("identify", log).err
+    log.write_text("\n".join([head, *off]))
+    run = coaxlink("identify", log)
+    assert run.code == 0 and "tare taken off: upper_torque_Nm 0.4 in 1 rows at rest" in run.err
+
+
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     cases = {
         None: "cannot be read",

@@ -86,6 +86,17 @@ def test_text_columns_and_gaps_keep_their_place(tmp_path: Path) -> None:
         table.numbers(3)
 
 
+def test_a_last_row_that_is_cut_off_is_left_out_and_any_other_is_asked_about(tmp_path: Path) -> None:
+    rows = [f"{n},{n * n},{n}.5" for n in range(1, 60)]
+    table = read_table(write(tmp_path, "\n".join(["rpm,thrust_N,torque_Nm", *rows, "60,36"])))
+    assert table.numbers(0).tolist() == list(range(1, 60)) and table.numbers(2)[-1] == 59.5
+    assert table.lines[-1] == 60 and "line 61 is cut off, left out" in table.notes
+    with pytest.raises(InputError, match="line 11: 3 columns are expected, found 2"):
+        read_table(write(tmp_path, "\n".join(["rpm,thrust_N,torque_Nm", *rows[:9], "10,10", *rows[10:]])))
+    with pytest.raises(InputError, match="line 2: 3 columns are expected, found 2"):
+        read_table(write(tmp_path, "rpm,thrust_N,torque_Nm\n60,36"))
+
+
 def test_a_quote_goes_over_the_end_of_a_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("coaxlink.data.lines.PIECE", 64)
     rows = "".join(f'{i},"a\nb"\n' for i in range(1000))

@@ -20,8 +20,14 @@ def framed(kind: str, body: bytes) -> bytes:
     return struct.pack("<HB", len(body), ord(kind)) + body
 
 
-def ulog(topics: dict[tuple[str, int], TOPIC], parameters: dict[str, float], start_us: int = 0) -> bytes:
-    """A log of a hundred rows of each topic and instance, every 20 ms."""
+def ulog(
+    topics: dict[tuple[str, int], TOPIC],
+    parameters: dict[str, float],
+    start_us: int = 0,
+    rows: int = ROWS,
+    every: dict[str, int] | None = None,
+) -> bytes:
+    """A log of a hundred rows of each topic and instance, every 20 ms, or of some topics one in so many."""
     out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", start_us), framed("B", bytes(40))]
     for name in dict.fromkeys(name for name, _ in topics):
         fields = next(f for (n, _), f in topics.items() if n == name)
@@ -35,8 +41,10 @@ def ulog(topics: dict[tuple[str, int], TOPIC], parameters: dict[str, float], sta
         out.append(framed("P", bytes([len(key)]) + key + struct.pack("<" + CODES[kind], value)))
     for number, (name, instance) in enumerate(topics):
         out.append(framed("A", struct.pack("<BH", instance, number) + name.encode()))
-    for row in range(ROWS):
-        for number, fields in enumerate(topics.values()):
+    for row in range(rows):
+        for number, ((name, _), fields) in enumerate(topics.items()):
+            if row % (every or {}).get(name, 1):
+                continue
             body = struct.pack("<HQ", number, start_us + row * PERIOD_US)
             for kind, value in fields.values():
                 body += struct.pack("<" + CODES[kind], value(row) if callable(value) else value)
@@ -144,3 +152,71 @@ def test_a_log_that_begins_in_the_air(tmp_path: Path) -> None:
     path.write_bytes(ulog(COMMON | ERAS["1.14, motors"][0], {"CA_ROTOR_COUNT": 2}, start_us=600_000_000))
     log = read_flight_log(path)
     assert log.rows == ROWS and log["armed"].all() and not log["landed"].any()
+
+
+MIXER = np.array(
+    [[-0.6, 0.5, 0.2, -1.0], [0.6, -0.5, 0.3, -1.0], [0.5, 0.6, -0.3, -1.0], [-0.5, -0.6, -0.2, -1.0]]
+)
+LONG = 600
+
+
+def stepping(rows: int) -> np.ndarray:
+    """(rows, 4) torque and thrust demanded, which jump within a tenth of a second now and then."""
+    dice = np.random.default_rng(5)
+    jumps = dice.normal(0.0, 0.05, (rows, 4)) * (dice.random((rows, 4)) < 0.06)
+    at = np.zeros((rows, 4))
+    for k in range(1, rows):
+        at[k] = 0.8 * at[k - 1] + jumps[k]
+    return at + np.array([0.0, 0.0, 0.0, -0.5])
+
+
+def slowly_commanded(commands: np.ndarray, demands: np.ndarray) -> bytes:
+    """Commands ten times a second, demands fifty times, as in PX4's default set."""
+
+    def column(values: np.ndarray) -> tuple[str, float]:
+        return ("float", lambda row: float(values[row]))  # type: ignore[return-value]
+
+    stamps = {"timestamp_sample": ("uint64_t", 0)}
+    topics = MOTION | {
+        ("vehicle_torque_setpoint", 0): stamps | {f"xyz[{i}]": column(demands[:, i]) for i in range(3)},
+        ("vehicle_thrust_setpoint", 0): stamps
+        | {f"xyz[{i}]": column(demands[:, 3] * (i == 2)) for i in range(3)},
+        ("actuator_motors", 0): {
+            f"control[{i}]": column(commands[:, i]) if i < 4 else ("float", float("nan")) for i in range(12)
+        },
+    }
+    return ulog(topics, {"CA_ROTOR_COUNT": 4}, rows=LONG, every={"actuator_motors": 5})
+
+
+def test_commands_logged_seldom_are_told_by_the_demands_between_them(tmp_path: Path) -> None:
+    path, demands = tmp_path / "flight.ulg", stepping(LONG)
+    commands = demands @ MIXER.T
+    path.write_bytes(slowly_commanded(commands, demands))
+    log = read_flight_log(path)
+    row = np.round(log["time_s"] / 0.02).astype(int)
+    assert np.median(np.diff(row)) == 1
+    for n in range(4):
+        straight = np.interp(np.arange(LONG), np.arange(0, LONG, 5), commands[::5, n])
+        off = np.abs(log[f"motor{n + 1}"] - commands[row, n])
+        assert np.abs(straight - commands[:, n])[: row[-1]].max() > 0.03
+        assert off.max() < 1e-4
+    assert any("10 commands a second" in note for note in log.notes)
+
+
+def test_a_command_that_stands_still_does_not_follow_its_demand(tmp_path: Path) -> None:
+    path, demands = tmp_path / "flight.ulg", stepping(LONG)
+    commands = demands @ MIXER.T
+    commands[200:301, 1] = commands[200, 1]
+    path.write_bytes(slowly_commanded(commands, demands))
+    log = read_flight_log(path)
+    row = np.round(log["time_s"] / 0.02).astype(int)
+    held = log["motor2"][(row > 200) & (row < 300)]
+    assert len(held) == 99
+    assert np.ptp(held) == 0.0
+
+
+def test_commands_that_no_demand_made_are_read_at_their_own_rate(tmp_path: Path) -> None:
+    path, demands = tmp_path / "flight.ulg", stepping(LONG)
+    commands = 0.5 + 0.1 * np.random.default_rng(6).standard_normal((LONG, 4))
+    path.write_bytes(slowly_commanded(np.clip(commands, 0.1, 0.9), demands))
+    assert np.median(np.diff(read_flight_log(path)["time_s"])) > 0.099

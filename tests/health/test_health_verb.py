@@ -217,3 +217,14 @@ def test_rpm_against_the_command_of_the_same_rotor(flights, tmp_path, capsys):
             assert found["verdict"] == "cannot judge" and found["suspects"] == []
             (reason,) = found["cannot_judge"]
             assert reason["premise"] == "rpm" and "rotor 2 turns at 1.25 times" in reason["why"]
+
+
+@pytest.mark.slow
+def test_identify_makes_no_model_of_an_rpm_that_its_command_contradicts(flights, tmp_path, capsys):
+    out, report = tmp_path / "after.toml", tmp_path / "i.json"
+    log = with_speeds(flights / "monday.csv", tmp_path / "a.csv", rpm3=0.83)
+    assert identify(log, *VEHICLE, "--out", out, "--json", report) == 1
+    (reason,) = json.loads(report.read_text())["cannot_judge"]
+    assert reason["premise"] == "rpm" and "rotor 3 turns at 0.83 times" in reason["why"]
+    assert not out.exists()
+    assert identify(flights / "monday.csv", *VEHICLE, "--out", out) == 0

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 from monitor_messages import (
     X8,
     Scene,
@@ -86,6 +87,32 @@ def test_yaw_and_roll_have_the_airframes_signs() -> None:
     assert ccw is not None and ccw[3] > 0.1
 
 
+def test_commands_run_between_the_boards_own_limits_on_its_own_outputs() -> None:
+    """Eight pulses from 1150 to 1850 us; by the board's word, or as assumed, which is said."""
+    pulses = tuple(range(1150, 1851, 100))
+    px4 = {f"PWM_MAIN_FUNC{n}": 100.0 + (9 - n) for n in range(1, 9)}  # output 1 drives motor 8
+    px4 |= {f"PWM_MAIN_{end}{n}": us for n in range(1, 9) for end, us in (("MIN", 1100.0), ("MAX", 1900.0))}
+    ardupilot = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)} | {"FRAME_CLASS": 4.0}
+    rising = [(us - 1100) / 800 for us in pulses]
+    cases = {
+        "PX4": (px4, rising[::-1], ""),
+        "PX4, nothing read": ({}, [(us - 1000) / 1000 for us in pulses], "assumed"),
+        "MOT_PWM_MIN": ({**ardupilot, "MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}, rising, ""),
+        "by the radio": ({**ardupilot, "RC3_MIN": 1100.0, "RC3_MAX": 1900.0}, rising, ""),
+        "DShot, whatever the radio says": (
+            {**ardupilot, "MOT_PWM_TYPE": 6.0, "MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0},
+            [(us - 1000) / 1000 for us in pulses], "",
+        ),
+        "ArduPilot, nothing read": (ardupilot, [(us - 1000) / 1000 for us in pulses], "assumed"),
+    }  # fmt: skip
+    with case_table() as case:
+        for name, (parameters, expected, note) in cases.items():
+            with case(name):
+                seen = look(heartbeat(), servo(pulses), **parameters)
+                assert seen.speeds.throttle == pytest.approx(expected)
+                assert any("assumed" in n for n in seen.notes) == bool(note)
+
+
 def test_which_speeds_are_believed() -> None:
     hovering, equal = servo(), servo((1580,) * 8)
     esc = [escs(0, [2700] * 4), escs(4, [3240] * 4)]
@@ -115,7 +142,7 @@ def test_which_speeds_are_believed() -> None:
         "more rotors than the airframe": (
             [escs(k, [2400 + k, 2400, 2400, 2400]) for k in (0, 4, 8)], "ESC_STATUS rpm", "reports 4 more",
         ),
-        "NaN": ([hovering, escs(0, [math.nan] * 4)], "SERVO_OUTPUT_RAW", ""),
+        "NaN": ([hovering, escs(0, [math.nan] * 4)], "SERVO_OUTPUT_RAW", "1000 to 2000 us, assumed"),
     }  # fmt: skip
     wrong = []
     for name, (messages, source, note) in cases.items():

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from browser import CHROMIUM, Browser
 
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
+from coaxlink.data import read_flights
 from coaxlink.files import example
 from coaxlink.mixer import make_law
 from coaxlink.report.flight_charts import flight_charts
@@ -61,6 +63,24 @@ def test_every_rotor_pair_and_axis_is_drawn(hover):
     assert x.x[np.argmax(x.y)] == pytest.approx(SHAKEN_HZ, abs=0.2)
     assert flight.events == ((pytest.approx(1.01), "armed"),)
     assert "lower rotors carried" in flight.answer and "roll -0" in flight.answer.replace("+", "-")
+
+
+@pytest.mark.parametrize(
+    "ct, said", [(6.5, "PX4's default, 6.5"), (65.0, ""), (2.0, "not in newtons (5 N for 171 N)")]
+)
+def test_a_table_whose_ct_nobody_measured_is_not_held_against_the_flight(hover, monkeypatch, ct, said):
+    log, vehicle = hover
+    board = {"CA_ROTOR_COUNT": 8.0, "CA_AIRFRAME": 0.0, "CA_METHOD": 2.0, "THR_MDL_FAC": 1.0}
+    for n, rotor in enumerate(vehicle.airframe.rotors):
+        entries = {"PX": rotor.position_m[0], "PY": rotor.position_m[1], "PZ": rotor.position_m[2]}
+        entries |= {"AX": 0.0, "AY": 0.0, "AZ": -1.0, "CT": ct, "KM": 0.05 * rotor.yaw_sign}
+        board |= {f"CA_ROTOR{n}_{key}": value for key, value in entries.items()}
+    read = [replace(r, parameters=board) for r in read_flights(log)]
+    monkeypatch.setattr("coaxlink.report.flight_charts.read_flights", lambda *_: read)
+    [flight] = flight_charts(log, vehicle)
+    assert ("of what the rotor model says" in flight.answer) == bool(said)
+    assert ("of what the table on board says" in flight.answer) != bool(said)
+    assert said in flight.answer and ("measure the rotors" in flight.answer) == bool(said)
 
 
 def test_without_a_vehicle_the_log_alone_is_drawn_and_what_is_missing_is_said(hover):

@@ -149,6 +149,24 @@ def test_a_missing_column_is_one_clear_error(flights, airframe):
         refine(without, airframe, stand_identified(0))
 
 
+def test_rows_of_two_stretches_are_not_sorted_into_one_another(flights, airframe):
+    log = flights["clean"]
+    back = log.with_columns(time_s=log["time_s"] - 9.3 * (np.arange(log.rows) >= 1600))
+    with pytest.raises(InputError, match="row 1601, column time_s: time goes back"):
+        refine(back, airframe, stand_identified(0))
+
+
+def test_what_begins_in_a_short_flight_is_seen(airframe):
+    """18 s, of which some 17 are judged: a third of a minute is what a test flight takes."""
+    late, never = fly([{"weak": (3, 0.2), "onset": 9.0}, {}], seconds=18.0)
+    found = refine(Samples(late, "late"), airframe, stand_identified(7))
+    (weak,) = found.effects
+    assert weak.name == "degraded_rotor" and {p.name: p.value for p in weak.parameters}[
+        "onset_s"
+    ] == pytest.approx(9.0, abs=1.0)
+    assert not refine(Samples(never, "never"), airframe, stand_identified(7)).effects
+
+
 def test_too_short_a_flight_is_refused(flights, airframe):
     with pytest.raises(InputError, match="in the air; 8 s are needed"):
         refine(flights["clean"].take(np.arange(300)), airframe, stand_identified(0))

@@ -28,6 +28,7 @@ SECOND_PROCESSOR = 8  # before 4.5 ArduPilot counts ESCs from the first output t
 PX4_MOTOR_1, PX4_MOTORS = 101, 12
 PULSE_US, DSHOT, CAN = (1000.0, 2000.0), (0.0, 1999.0), (0.0, 8191.0)
 LEAST_PULSE_US, MOST_PULSE_US = 800.0, 2500.0  # what any servo output can give
+ASSUMED = "1000 to 2000 us, assumed: the board's own are not known"
 OVER = 1.05  # of the range: an output that gives more runs between other numbers
 
 
@@ -133,6 +134,27 @@ def _px4_range(parameters: Parameters, driver: str, channel: int) -> tuple[float
 def _range(ends: Sequence[float]) -> tuple[float, float]:
     """Low and high; those of any pulse where a damaged log has them the other way round."""
     return (float(ends[0]), float(ends[1])) if ends[0] < ends[1] else PULSE_US
+
+
+def motor_map(parameters: Parameters, motors: int) -> tuple[Map, str]:
+    """Motors 1..N on the outputs of one driver, as a board's parameters say, for who hears a link; and what
+    had to be taken for granted of them, in words.
+
+    >>> motor_map({"PWM_MAIN_FUNC3": 101, "PWM_MAIN_MIN3": 1100, "PWM_MAIN_MAX3": 1900}, 1)
+    ((MotorOutput(motor=1, channel=3, low=1100.0, high=1900.0, driver='PWM_MAIN'),), '')
+    >>> motor_map({}, 1)[1]
+    "motor n is on output n, 1000 to 2000 us, assumed: the board's own are not known"
+    """
+    every = range(1, motors + 1)
+    if any(name.startswith(("SERVO", "MOT_")) for name in parameters):
+        told = parameters.get("MOT_PWM_TYPE", 0) in (*ARDUPILOT_DIGITAL, ARDUPILOT_SCALED)
+        taken = "" if told or ardupilot_range(parameters) else f"motors run from {ASSUMED}"
+        by_number = tuple(MotorOutput(n, n, *_ardupilot_range(parameters, n), "SERVO") for n in every)
+        return ardupilot_map(parameters) or by_number, taken
+    maps = [own for own in px4_maps(parameters) if {o.motor for o in own} >= set(every)]
+    if len(maps) == 1:
+        return maps[0], ""
+    return tuple(MotorOutput(n, n, *PULSE_US) for n in every), f"motor n is on output n, {ASSUMED}"
 
 
 def px4_outputs(instances: Sequence[Values], parameters: Parameters) -> tuple[list[tuple[Map, int]], bool]:

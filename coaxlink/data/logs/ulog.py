@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.logs.changes import Change, periods, read_in_periods
+from coaxlink.data.logs.demands import DEMANDS, between_rows
 from coaxlink.data.logs.outputs import (
     PX4_MOTOR_1,
     PX4_MOTORS,
@@ -41,7 +42,7 @@ from firmware_params import bounded
 STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
 TOPICS = [
     *STAMPED_BY_SAMPLE, "actuator_motors", "actuator_outputs", "sensor_combined", "vehicle_local_position",
-    "distance_sensor", "battery_status", "esc_status", "vehicle_status", "vehicle_land_detected",
+    "distance_sensor", "battery_status", "esc_status", "vehicle_status", "vehicle_land_detected", *DEMANDS,
 ]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED, DOWNWARD = 2, 25  # of arming_state; ROTATION_DOWNWARD_FACING
@@ -68,6 +69,7 @@ def _flight(path: Path, log: Any, torn: bool) -> Samples:
         periods(_numbers(log.initial_parameters), _changes(log)),
         lambda held, said, taken: _motors(
             held.of(topics.get("actuator_motors")),
+            {name: held.of(topics.get(name)) for name in DEMANDS},
             [rows for one in outputs if (rows := held.of(one))],
             held.parameters,
             said,
@@ -196,13 +198,14 @@ class _Onward(io.BufferedReader):
 
 def _motors(
     controls: Message | None,
+    demands: Mapping[str, Message | None],
     outputs: list[Message],
     parameters: Parameters,
     notes: list[str],
     premises: list[str],
 ) -> TimeSeries | None:
     if controls is not None:
-        return _from_controls(controls, parameters, notes)
+        return _from_controls(controls, demands, parameters, notes)
     instances = [
         {n: topic[f"output[{n - 1}]"] for n in range(1, 17) if f"output[{n - 1}]" in topic}
         for topic in outputs
@@ -226,17 +229,34 @@ def _motors_of(motors: TimeSeries | None, maps: list[Map], commanded: bool) -> t
     return tuple(sorted({o.motor for outputs in maps for o in outputs}))
 
 
-def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
+def _from_controls(
+    topic: Message, demands: Mapping[str, Message | None], parameters: Mapping[str, Any], notes: list[str]
+) -> TimeSeries | None:
     factor = float(parameters.get("THR_MDL_FAC", 0.0))
     control = np.nan_to_num(np.stack([topic[f"control[{i}]"] for i in range(12)]))
     used = np.flatnonzero((control != 0).any(axis=1))
     count = int(parameters.get("CA_ROTOR_COUNT", 0)) or (int(used[-1]) + 1 if len(used) else 0)
-    speed = np.clip(control[:count], 0, 1)
-    if factor > 0:  # control = factor u^2 + (1 - factor) u
-        linear = 1 - factor
-        speed = (np.sqrt(linear**2 + 4 * factor * speed) - linear) / (2 * factor)
+    commands = np.clip(control[:count], 0, 1)
     notes.append(f"motor1..{count} from actuator_motors, THR_MDL_FAC = {factor:g} undone")
-    return TimeSeries.of(topic["time_s"], {f"motor{i + 1}": speed[i] for i in range(count)})
+    found = TimeSeries.of(topic["time_s"], {f"motor{i + 1}": commands[i] for i in range(count)})
+    if found is None:
+        return None
+    if (closer := between_rows(found, demands)) is not None:
+        notes.append(f"{_hz(found)} commands a second: between them by the {_hz(closer)} demands a second")
+        found = closer
+    if factor <= 0:
+        return found
+    linear = 1 - factor  # control = factor u^2 + (1 - factor) u
+    return replace(
+        found,
+        columns={
+            n: (np.sqrt(linear**2 + 4 * factor * c) - linear) / (2 * factor) for n, c in found.columns.items()
+        },
+    )
+
+
+def _hz(series_: TimeSeries) -> str:
+    return f"{1.0 / series_.period_s:.0f}"
 
 
 def _motion(topics: Mapping[str, Message]) -> list[TimeSeries | None]:

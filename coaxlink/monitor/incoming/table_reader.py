@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from coaxlink.data.logs.outputs import PX4_MOTOR_1, PX4_MOTORS
 from coaxlink.errors import CoaxlinkError
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.parameters import HASH, Parameters
@@ -18,8 +19,9 @@ PX4_NAMES = ("CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT", "THR_MDL_FAC")
 ROTOR_FIELDS = ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")
 # all that is of an ArduPilot's table, but what the autopilot learns in flight
 AP_NAMES = ("FRAME_CLASS", "FRAME_TYPE", *(n for n in MotorParameters().to_params() if n != "MOT_THST_HOVER"))
+DRIVERS = ("PWM_MAIN", "PWM_AUX")
 THRESHOLDS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
-_SERVOS = tuple(f"SERVO{n}_FUNCTION" for n in range(1, 17))
+_SERVOS = (*(f"SERVO{n}_FUNCTION" for n in range(1, 17)), "MOT_PWM_TYPE")
 
 
 def rotor_names(count: int) -> tuple[str, ...]:
@@ -74,9 +76,23 @@ class TableReader:
         if (self._session.identity.version or (99,)) < (1, 14):
             self._heard.put_parameters(self._read(("SYS_CTRL_ALLOC",)))
         self._heard.put_parameters(table, replace_prefix="CA_")
-        self._heard.put_parameters(self._read(THRESHOLDS))
+        self._heard.put_parameters(self._read(THRESHOLDS) | self._px4_outputs())
         self._complete = len(table) == len(PX4_NAMES) + len(rotors)
         self._hash = current
+
+    def _px4_outputs(self) -> dict[str, float]:
+        """Which outputs drive motors, and between which numbers, of the driver that has them."""
+        for driver in DRIVERS:
+            functions = self._read(f"{driver}_FUNC{n}" for n in range(1, 9))
+            own = [
+                name.removeprefix(f"{driver}_FUNC")
+                for name, function in functions.items()
+                if PX4_MOTOR_1 <= function < PX4_MOTOR_1 + PX4_MOTORS
+            ]
+            if own:
+                ends = (f"{driver}_{end}{n}" for n in own for end in ("MIN", "MAX"))
+                return functions | self._read(ends) | self._read(f"{driver}_TIM{n}" for n in range(4))
+        return {}
 
     def _refresh_ardupilot(self) -> None:
         table = self._read(AP_NAMES)

@@ -33,6 +33,7 @@ from coaxlink.monitor.state.speeds import STALE_S, RotorSpeeds, rotor_speeds
 from coaxlink.monitor.state.table import TableOnBoard
 from coaxlink.monitor.state.vehicle import VehicleState, on_ground, vehicle_of, version_of
 from coaxlink.premises.answer import as_json
+from coaxlink.tables.px4 import not_in_newtons
 from coaxlink.vehicle import Vehicle
 from firmware_params.plain import plain
 
@@ -254,9 +255,8 @@ def _intended(
     meant = table_px4.intended(parameters, commands)
     if meant is None:
         return None, "the table on board cannot be realised"
-    if thrust_N > 1.0 and not 0.4 < meant[0] / thrust_N < 2.5:
-        return None, f"the CT on board are not in newtons ({meant[0]:.0f} N for {thrust_N:.0f} N)"
-    return meant, ""
+    why = not_in_newtons(parameters, meant[0], thrust_N)
+    return (None, why) if why else (meant, "")
 
 
 def _json(value: Any) -> Any:

@@ -4,9 +4,9 @@ Measured speeds (ESC_STATUS, ArduPilot's ESC_TELEMETRY) are preferred to command
 ACTUATOR_OUTPUT_STATUS). A source is passed over, and a note says so, when another one knows more rotors, when
 it went quiet, or when it contradicts itself.
 
-A command is a pulse after the thrust curve, u = (us - low) / (high - low): 1000 and 2000 us, on ArduPilot
-MOT_PWM_MIN and MOT_PWM_MAX, or where they are 0 the throttle channel's. There a motor's output, and its
-ESC, is the one whose SERVOn_FUNCTION names it (once those were read); elsewhere output n drives motor n.
+A command is a pulse after the thrust curve, u = (us - low) / (high - low), between the limits, and on the
+output, that the board's parameters give a motor (`data.logs.outputs`, as of any log); until those are read
+output n drives motor n from 1000 to 2000 us, and a note says so. An ArduPilot numbers ESCs as outputs.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.data.logs.outputs import motor_map
 from coaxlink.mavlink.telemetry import Telemetry, Timed
 from coaxlink.monitor.incoming.heard import Heard
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import servo_function
-from firmware_params.ardupilot.parameters import motor_range
 
 STALE_S = 1.5  # speeds older than this are not the present
 INFO_STALE_S, ONLINE_BITS = 3.0, 8  # of ESC_INFO, which comes once a second; it has the first eight ESCs'
@@ -83,6 +83,8 @@ def rotor_speeds(heard: Heard, vehicle: Vehicle) -> RotorSpeeds:
     if chosen.known < rotors:
         missing = ", ".join(str(i + 1) for i, u in enumerate(chosen.u) if u is None)
         notes.append(f"no speed of rotor {missing}")
+    if chosen is commanded and (taken := motor_map(heard.parameters, rotors)[1]):
+        notes.append(taken)
     if chosen.extra:
         notes.append(f"{chosen.name} reports {chosen.extra} more than the airframe's {rotors} rotors")
     known = np.array([np.nan if u is None else u for u in chosen.u])
@@ -96,7 +98,7 @@ def rotor_speeds(heard: Heard, vehicle: Vehicle) -> RotorSpeeds:
 
 def commanded_speeds(heard: Heard, rotors: int) -> SpeedSource:
     """SERVO_OUTPUT_RAW, or ACTUATOR_OUTPUT_STATUS where that knows more."""
-    return _better(_servo(heard, rotors), _actuator_status(heard.telemetry, rotors), heard.now())
+    return _better(_servo(heard, rotors), _actuator_status(heard, rotors), heard.now())
 
 
 def measured_speeds(heard: Heard, vehicle: Vehicle, commanded: SpeedSource) -> tuple[SpeedSource, list[str]]:
@@ -164,35 +166,38 @@ def _servo(heard: Heard, rotors: int) -> SpeedSource:
     if newest is None:
         return SpeedSource(name, "commanded", (None,) * rotors)
     # the second eight are an extension that some senders leave out
-    pulses = [float(getattr(newest.value, f"servo{n}_raw", 0) or 0) for n in range(1, _OUTPUTS + 1)]
-    low, high = motor_range(heard.parameters) or (1000.0, 2000.0)
-    outputs = motor_outputs(heard.parameters, rotors)
-    u = tuple(None if p is None or p >= _OUTPUTS else _unit(pulses[p], low, high) for p in outputs)
-    return SpeedSource(name, "commanded", u, newest.received_s)
+    pulses = {n: float(getattr(newest.value, f"servo{n}_raw", 0) or 0) for n in range(1, _OUTPUTS + 1)}
+    return SpeedSource(name, "commanded", _commands(pulses, heard.parameters, rotors), newest.received_s)
 
 
-def _actuator_status(telemetry: Telemetry, rotors: int) -> SpeedSource:
-    name, newest = "ACTUATOR_OUTPUT_STATUS", telemetry.newest("ACTUATOR_OUTPUT_STATUS")
+def _actuator_status(heard: Heard, rotors: int) -> SpeedSource:
+    name, newest = "ACTUATOR_OUTPUT_STATUS", heard.telemetry.newest("ACTUATOR_OUTPUT_STATUS")
     if newest is None:
         return SpeedSource(name, "commanded", (None,) * rotors)
     active = int(newest.value.active) & 0xFFFFFFFF
     values = [float(v) for v in newest.value.actuator]
+    live = {i + 1: v for i, v in enumerate(values) if (not active or active >> i & 1) and math.isfinite(v)}
     # in simulation PX4 sends -1..1 instead of pulses
-    pulses = any(abs(v) > 1.5 for v in values if math.isfinite(v))
-    u: list[float | None] = []
-    for i, value in enumerate(values[:rotors]):
-        if (active and not active >> i & 1) or not math.isfinite(value):
-            u.append(None)
+    if any(abs(v) > 1.5 for v in values if math.isfinite(v)):
+        u = _commands(live, heard.parameters, rotors)
+    else:
+        u = tuple(min(max(live[n], 0.0), 1.0) if n in live else None for n in range(1, rotors + 1))
+    return SpeedSource(name, "commanded", u, newest.received_s)
+
+
+def _commands(outputs: Mapping[int, float], parameters: Mapping[str, float], rotors: int) -> Values:
+    """(N,) normalised commands of outputs, counted from 1; None where there is no pulse, 0 below the lowest
+    (disarmed)."""
+    drives = {o.motor: o for o in motor_map(parameters, rotors)[0]}
+    found: list[float | None] = []
+    for motor in range(1, rotors + 1):
+        pulse = outputs.get(drives[motor].channel, 0.0) if motor in drives else 0.0
+        if not math.isfinite(pulse) or pulse <= 0:
+            found.append(None)
         else:
-            u.append(_unit(value) if pulses else min(max(value, 0.0), 1.0))
-    return SpeedSource(name, "commanded", tuple(u), newest.received_s)
-
-
-def _unit(pulse_us: float, low: float = 1000.0, high: float = 2000.0) -> float | None:
-    """Normalised command of a pulse; None where there is none, 0 below the lowest (disarmed)."""
-    if not math.isfinite(pulse_us) or pulse_us <= 0:
-        return None
-    return min(max((pulse_us - low) / (high - low), 0.0), 1.0)
+            low, high = drives[motor].low, drives[motor].high
+            found.append(min(max((pulse - low) / (high - low), 0.0), 1.0))
+    return tuple(found)
 
 
 def _repeated(rpm: Mapping[int, Timed], commanded: Values) -> list[int]:

@@ -233,8 +233,13 @@ def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
 def _gapless(number: int, log: Samples, names: list[str], motors: list[str]) -> list[_Run]:
     """The runs of a log's usable rows without a gap."""
     time = log["time_s"]
-    order = np.argsort(time, kind="stable")
     finite = np.isfinite(time)
+    order = np.flatnonzero(finite)
+    back = np.flatnonzero(np.diff(time[order]) < 0.0)
+    if len(back):  # a clock that was set, or a board that started again
+        where = log.place(int(order[back[0] + 1]))
+        problem = "time goes back: rows of two stretches are not one flight; give each as a log of its own"
+        raise InputError(log.source, f"{where}, column time_s", problem)
     lost = {"time_s is no number": int((~finite).sum())}
     for name in names:
         known = np.isfinite(log[name])

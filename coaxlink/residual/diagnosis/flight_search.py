@@ -139,7 +139,7 @@ class FlightSearch(Search):
         ch = self.channels
         count = int(ch.block.max()) + 1
         first = np.flatnonzero(np.diff(ch.block, prepend=-1) != 0)
-        if len(np.unique(ch.frame.log)) > 1 or len(first) != count or count < 4 * EDGE_BLOCKS:
+        if len(np.unique(ch.frame.log)) > 1 or len(first) != count or count <= 2 * EDGE_BLOCKS:
             return []
         left, time = self.scorer.colour.whiten(h.left), ch.frame.time_s[ch.frame.keep]
         edges = np.arange(EDGE_BLOCKS, count - EDGE_BLOCKS)

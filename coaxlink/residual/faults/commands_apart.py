@@ -149,9 +149,32 @@ def _changed(log: Samples, free: _Free) -> Iterator[Finding]:
         odd = (gain >= fewer * (SLIGHT * own.mean()) ** 2) & _sharp(rest[:, 0], time, moments)
         return rest[:, 0], rest - np.where(odd, x * zero + z * scale, 0.0)
 
-    if best := free.likeliest(ways):
+    best = free.likeliest(ways)
+    if best and not _mixer_changed(free, best[0], moments):
         why = f"at {moments[best[1]]:.1f} s its zero or scale changes against the other commands"
         yield best[0], np.ones(log.rows, bool), why
+
+
+def _mixer_changed(free: _Free, suspect: str, moments: Array) -> bool:
+    """Whether commands fit one another, a suspect left out, by one mixer before a moment and by another one
+    behind it: a table that was uploaded between two flights moves them all, and then no column is off."""
+    others = np.delete(free.commands[free.rows], free.names.index(suspect), axis=1)
+    time, every = free.time[free.rows], np.ones(len(free.rows), bool)
+    for j, own in enumerate(others.T):
+        design = design_of(np.delete(others, j, axis=1), every)
+        whole = float(np.mean(_rest(own, design) ** 2)) + FEWEST**2
+        for moment in moments:
+            first = time < moment
+            if min(first.sum(), (~first).sum()) < LEAST_ROWS:
+                continue
+            rest = np.empty_like(own)
+            for part in (first, ~first):
+                rest[part] = _rest(own[part], design[part])
+            now, rows = float(np.mean(rest**2)) + FEWEST**2, len(rest) * independent_share(rest)
+            numbers = design.shape[1] * float(np.log(max(rows, 2.0)))  # twice as many as one mixer's (BIC)
+            if 0.5 * (rows * float(np.log(whole / now)) - numbers) > SURE + np.log(len(moments)):
+                return True
+    return False
 
 
 def _sharp(rest: Array, time: Array, moments: Array) -> Mask:

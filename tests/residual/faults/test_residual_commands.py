@@ -150,3 +150,18 @@ def test_a_command_that_alone_is_rounded_is_told() -> None:
     log["motor5"] = 0.01 * np.round(log["motor5"] / 0.01)
     ((column, _, why),) = found(log)
     assert column == "motor5" and "steps of 0.01" in why
+
+
+def test_another_mixer_from_a_moment_on_is_no_column_that_is_off() -> None:
+    """A table uploaded between two flights of one boot: upper and lower rotors share the load otherwise."""
+    share = np.array([1.15] * 4 + [0.85] * 4)
+    odd = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.12, 1.0, 1.0])  # a rotor that the new table asks for more
+    with case_table() as case:
+        for seed in range(3):
+            with case(f"{seed}"):
+                first, then = flown(seed), flown(seed + 10)
+                for n in ROTORS:
+                    u = np.clip(then[f"motor{n}"] * (share * odd)[n - 1], 0.0, 1.0)
+                    first[f"motor{n}"][1500:] = u[1500:]
+                    first[f"rpm{n}"] = 5400.0 * first[f"motor{n}"]
+                assert found(first) == []
