@@ -31,14 +31,17 @@ TURNED = 0.01  # of normalised speed: less is no turn
 TREMBLES = 0.1  # of a path's range, judgement: three deviations of a held speed are less
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
+SETTLED_S = 0.6  # s from row to row: nothing moves within rows that are conditions
 STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
 
 
-def direction(frame: StandFrame, side: int) -> Array:
-    """(rows,) +1 where the speed last rose, -1 where it last fell, 0 before it moved or where it jumped."""
+def direction(frame: StandFrame, side: int, turned: float = TURNED) -> Array:
+    """(rows,) +1 where the speed last rose by more than `turned`, -1 where it last fell by that, 0 before it
+    moved or where it jumped.
+    """
     u = _path(frame)[:, side]
     rows = np.arange(len(u))
-    state = slipping(u, np.array([TURNED]))[:, 0]  # what a tachometer's noise cannot turn round
+    state = slipping(u, np.array([turned]))[:, 0]  # what a tachometer's noise cannot turn round
     settled = np.where(np.abs(state) > 0.999, np.sign(state), 0.0)
     way = settled[np.maximum.accumulate(np.where(settled != 0.0, rows, 0))]
     turn = np.diff(way, prepend=0.0) != 0.0
@@ -62,7 +65,8 @@ def _returns(frame: StandFrame, side: int) -> bool:
 
     A level that was visited once has one sign, and what the nuisance misses there would be its hysteresis.
     """
-    way, u = direction(frame, side), frame.speeds[:, side]
+    # a supply that sags moves what a throttle gives by some per cent
+    way, u = direction(frame, side, 2.0 * SAME), frame.speeds[:, side]
     _, level = np.unique(np.round((u - u.min()) / SAME), return_inverse=True)
     rose, fell = np.bincount(level, way > 0), np.bincount(level, way < 0)
     return bool(2.0 * np.minimum(rose, fell).sum() > RETURNS * len(u))
@@ -312,7 +316,9 @@ def _starts(frame: StandFrame) -> list[Numbers]:
         {"power": 0.0, "reach": 0.03, "spread": SPREAD},
         *({"reach": r, "spread": SPREAD} for r in REACHES),
     ]
-    forms: list[Numbers] = [{}, {"bulge": 1.0}, {"moving": 1.0}, *worn]
+    forms: list[Numbers] = [{}, {"bulge": 1.0}, *worn]
+    if len(frame.time_s) > 1 and float(np.median(np.diff(frame.time_s))) < SETTLED_S:
+        forms.insert(2, {"moving": 1.0})
     sides: list[Numbers] = [{}, {"sweep": 1.0}]
     sides += [{name: 1.0} for name, side in SIDES.items() if _returns(frame, side)]
     commands = [] if drivable(frame) else [{"share": 1.0, "reach": r} for r in GAPS]
@@ -405,7 +411,7 @@ EFFECT = PhysicalEffect(
                                   ("lower_over_upper", 0.2, 5.0))),
         Parameter("fading", "1", 0.0, 1.0, moves=("spread",), source=_WAYS),
         Parameter("share", "1", 0.7, 1.4, (1.0, 0.1), amount=True,
-            source="1 by definition: of a command with play, all of it is felt; 0.1 is assumed for paths that differ"),
+            source="1 by definition: all of a command's play is felt; 0.1 is assumed for paths that differ"),
         Parameter("relay", "1", 0.0, 1.0,
             source="a number of the rotor (0 upper, 1 lower) whose speed flips it"),
         *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),

@@ -21,6 +21,8 @@ BEGINNINGS = (0.2, 0.5)  # of the run
 ALSO, SETTLING, SPAN = "also_", "settling_per_minute", "span_per_minute"
 DRIFT = ("per_minute", "zero", SETTLING, SPAN)
 ROOM, ROOM_SPAN = "drift", "span"
+REST, SWEPT = 0.05, 0.2  # of full speed: rests are no level; less is one level
+BACK = 0.1  # of a speed's range, judgement: less of a way back is no level that was come to again
 PAUSE, PAUSE_S = 20.0, 30.0  # times the usual step, and seconds: a stand that is started anew is tared
 
 
@@ -30,7 +32,7 @@ def _starts(frame: StandFrame) -> Sequence[Numbers]:
     A cell's zero goes with its temperature (OIML R 60: so much of a division in 5 K), and four cells of one
     stand stand in one room, which is heated once or in turns: their zeros follow one trend, each by its own.
     """
-    if why := _no_clock(frame):
+    if why := _no_clock(frame) or _one_way(frame):
         raise NotShown(why)
     cells = [c for c in frame.present if c < 4]
     ways = _tared(frame, [{}, *({"memory": m} for m in MEMORIES)])
@@ -149,6 +151,20 @@ def _no_clock(frame: StandFrame) -> str | None:
     if frame.context("time_s") is None:
         return "time_s is not in the log: the order of rows is the order of a sweep"
     return None if frame.time_s[-1] > frame.time_s[0] else "time_s does not run"
+
+
+def _one_way(frame: StandFrame) -> str | None:
+    """Why a log without a model tells no drift from its map: a rotor went from one end to the other once."""
+    path = frame.speeds if frame.throttles is None else frame.throttles
+    for side, u in enumerate(path[frame.keep].T if frame.free_nuisance else ()):
+        turning = u[u > REST]
+        if len(turning) < 2 or np.ptp(turning) < SWEPT:
+            continue
+        back = min(np.max(np.maximum.accumulate(way) - way) for way in (turning, -turning))
+        if back < BACK * np.ptp(turning):
+            name = ("upper", "lower")[side]
+            return f"the {name} rotor went through its speeds once, one way: run its levels out of order"
+    return None
 
 
 STAND: Tracing[StandFrame] = Tracing(

@@ -29,6 +29,7 @@ Torque = Callable[[int, Array, Array], Array]  # of the upper (0) or the lower (
 POINTS, MOST_COMMAND, FASTEST = 81, 1.2, 1.25
 SPEED_ROUNDS, HALVINGS = 3, 22  # of both speeds in turn; of a command's interval: to 3e-7 of it
 STRAIGHT = (0.0, 1.0)
+TURNS = 0.05  # of full throttle, of the fastest rpm: below, an ESC starts or stops its motor
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data import Samples
 from coaxlink.data.aliases import SIDES
-from coaxlink.rotor.drive import BatteryPower, Drive, SideDrive
+from coaxlink.rotor.drive import TURNS, BatteryPower, Drive, SideDrive
 
 Array = NDArray[np.float64]
-TURNS = 0.05  # of full throttle, of the fastest rpm: below, an ESC starts or stops its motor
 AT_FULL = 0.98  # of throttle: full throttle was measured
 LEAST_ROWS, LEAST_SPAN = 8, 0.3  # rows and range of throttle that tell a bend
 SURE = 0.02  # of the speed at full throttle, its standard error: what two rpm sensors are apart

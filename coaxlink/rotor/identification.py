@@ -17,7 +17,8 @@ from coaxlink.data.aliases import SIDES
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.notebook import Shown
-from coaxlink.rotor.drive_fit import TURNS, drive_of
+from coaxlink.rotor.drive import TURNS
+from coaxlink.rotor.drive_fit import drive_of
 from coaxlink.rotor.fit import (
     FORMS,
     ROWS_A_TERM,
@@ -437,10 +438,12 @@ def measured(data: StandData) -> dict[str, Any]:
         for side, x in zip(SIDES, (u, v), strict=True)
         if np.any(x > TURNS)
     }
+    stood = np.any((u <= TURNS) & (v > TURNS)), np.any((v <= TURNS) & (u > TURNS))
+    out = {**sides, "rested": [side for side, at_rest in zip(SIDES, stood, strict=True) if at_rest]}
     if not both.any():
-        return sides
+        return out
     ratios = {"ratio_least": float(np.min(v[both] / u[both])), "windmilling": windmilling_ratio(data)}
-    return {**sides, **ratios}
+    return {**out, **ratios}
 
 
 def _provenance(result: Identification) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from coaxlink.errors import InputError
 from coaxlink.load import LOADS as LOADS
 from coaxlink.load import Load
 from coaxlink.notebook import Shown
-from coaxlink.rotor.drive import BatteryPower, Drive, SideDrive, SpeedTable, of_curves
+from coaxlink.rotor.drive import TURNS, BatteryPower, Drive, SideDrive, SpeedTable, of_curves
 from coaxlink.rotor.polynomial import Polynomial
 from firmware_params.keys import is_near, problem_of
 from firmware_params.plain import name_problem, plain
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 # where a number is from: an instrument read it; somebody says so; the autopilot holds it; computed from
 # other numbers; nobody gave it
+NEAR = 0.02  # of full speed, judgement: as far from a measured speed as that is measured
 Source = Literal["measured", "declared", "board", "estimated", "default"]
 
 
@@ -116,6 +117,23 @@ class RotorModel(Shown):
         measured = self.identified.get("measured")
         ends = measured.get("upper") if isinstance(measured, Mapping) else None
         return _number({"slowest": ends[0]}, "slowest") if isinstance(ends, (list, tuple)) and ends else 0.0
+
+    def measured_at(self, u: ArrayLike) -> NDArray[np.bool_]:
+        """(rows, 2) whether each rotor's stand ran it at these normalised speeds (rows, 2), 2 % of full speed
+        either way; everywhere, where the file says nothing of it. Elsewhere the loads are an extrapolation.
+        """
+        speeds = np.asarray(u, float)
+        out = np.ones(speeds.shape, bool)
+        known = self.identified.get("measured")
+        rested = known.get("rested") if isinstance(known, Mapping) else None
+        for k, side in enumerate(("upper", "lower")):
+            ends = known.get(side) if isinstance(known, Mapping) else None
+            if not isinstance(ends, (list, tuple)) or len(ends) != 2:
+                continue
+            turns = speeds[:, k] > TURNS
+            inside = (speeds[:, k] > ends[0] - NEAR) & (speeds[:, k] < ends[1] + NEAR)
+            out[:, k] = np.where(turns, inside, rested is None or side in rested)
+        return out
 
     @property
     def missed(self) -> dict[Load, float]:
@@ -323,6 +341,9 @@ class _Measured(BaseModel):
     model_config = ConfigDict(extra="forbid")
     upper: tuple[Finite, Finite] | None = Field(None, description="Least and greatest u_u of the log.")
     lower: tuple[Finite, Finite] | None = Field(None, description="Least and greatest u_l of the log.")
+    rested: list[Literal["upper", "lower"]] | None = Field(
+        None, description="Rotors that stood while the other one turned; none: not known."
+    )
     ratio_least: Finite | None = Field(None, description="Smallest u_l / u_u that was measured.")
     windmilling: Finite | None = Field(
         None, description="u_l / u_u up to which the wake turned the lower rotor; 0: never seen."

@@ -8,7 +8,7 @@ from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data import Samples
 from coaxlink.data.aliases import SIDES
 from coaxlink.errors import InputError
-from coaxlink.rotor.drive_fit import TURNS
+from coaxlink.rotor.drive import TURNS
 from coaxlink.rotor.fit import Array
 from coaxlink.rotor.prior import PRIORS
 

@@ -19,7 +19,10 @@ from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.load import Load
 from coaxlink.residual.held_out import folds_of
 from coaxlink.rotor import RotorModel
+from coaxlink.rotor.drive import TURNS
+from coaxlink.rotor.drive_fit import BENT, driven
 from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.physics import WAKE_TURNS
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.stand_data import normalised_speeds
 
@@ -41,6 +44,7 @@ IDLE = 0.04  # of full speed
 UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
 # of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
 JUMP, WINDMILL = 0.01, 0.1
+MOST_TURNED = 0.4  # of the rows, judgement: more is a torque that reads something else
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 # of load cells behind tachometers (filters, clocks); rows slower than that are settled
 DELAY_S, FAST_S = 0.06, 0.3
@@ -71,10 +75,13 @@ def stand_frame(
     model: RotorModel | None,
     orders: Orders = ANY,
     trusted: NDArray[np.intp] | None = None,
+    *,
+    extrapolated: bool = False,
 ) -> StandFrame:
     """Both sides of a stand log; without a model, one of these orders, as the log supports.
 
-    `trusted` rows alone are asked for the nuisance model, and judged.
+    `trusted` rows alone are asked for the nuisance model, and judged; without `extrapolated` none where the
+    model's own stand did not run the rotors, or where a throttle does not turn its rotor.
     Raises InputError: nothing measured, no speeds, too few rows.
     """
     names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
@@ -111,6 +118,9 @@ def stand_frame(
     free = model is None
     keep = np.arange(samples.rows) if trusted is None else trusted
     notes = [f"speeds: {speeds.source}"]
+    if throttles is not None and {3, 5} <= set(present) and not extrapolated:
+        known = model is not None and model.drive is not None
+        keep = _turned_by_throttle(u, throttles[:, 1], measured[:, 3], keep, notes, known)
     if back.any():
         place = samples.place(int(np.argmax(back)) + 1)
         notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")
@@ -119,6 +129,8 @@ def stand_frame(
         nuisance, keep = _fitted_nuisance(u, measured, keep, present, speeds.speed_max_rpm, orders, notes)
     else:
         nuisance = model
+        if not extrapolated:
+            present, keep = _where_measured(model, samples, u, present, keep, notes)
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
@@ -174,6 +186,56 @@ def _set_points(u: Array) -> bool:
         if np.sum(turns[1:] & turns[:-1]) >= OFTEN:
             return False
     return len(u) > LEAST_ROWS
+
+
+def _turned_by_throttle(
+    u: Array, throttle: Array, torque: Array, keep: NDArray[np.intp], notes: list[str], known: bool
+) -> NDArray[np.intp]:
+    """Rows without those in which the upper rotor's wake turns the lower one faster than its throttle does,
+    or, of a `known` drive, helps to turn it: no drive is fitted to such rows.
+    """
+    drives = driven(u[:, 1], torque) & (throttle > TURNS)
+    wake = ~drives & (u[:, 0] > WAKE_TURNS * u[:, 0].max()) & (u[:, 1] > TURNS)
+    if not wake.any() or drives.sum() < LEAST_ROWS:
+        return keep
+    if not known:
+        wake &= u[:, 1] - np.polyval(np.polyfit(throttle[drives], u[drives, 1], 2), throttle) > BENT
+    if not wake[keep].any() or np.mean(wake[keep]) > MOST_TURNED:
+        return keep
+    notes.append(
+        f"{wake[keep].sum()} rows in which the wake turns the lower rotor, not its throttle: not judged"
+    )
+    return keep[~wake[keep]]
+
+
+def _where_measured(
+    model: RotorModel,
+    samples: Samples,
+    u: Array,
+    present: list[int],
+    keep: NDArray[np.intp],
+    notes: list[str],
+) -> tuple[list[int], NDArray[np.intp]]:
+    """Channels and rows whose loads the model's own stand measured: elsewhere it is an extrapolation, and
+    what is left of it tells nothing. InputError where no load is left.
+    """
+    at = model.measured_at(u)[keep]
+    upper_feels = any(
+        powers[1] for load in Load if load.rotor == 0 for powers in model.surface(load).exponents
+    )
+    rows = {c: at.all(axis=1) if c in (2, 3) or upper_feels else at[:, 0] for c in present if c < 4}
+    unknown = [c for c, known in rows.items() if np.sum(known) < min(FEW_ROWS, len(keep))]
+    if unknown:
+        names = ", ".join(STAND_CHANNELS[c] for c in unknown)
+        notes.append(f"{names}: not judged, the model's stand did not run the rotors at these speeds")
+        present = [c for c in present if c not in unknown]
+    if not rows.keys() - unknown:
+        need = "loads where the model's stand measured them are needed, or a model of this log (`identify`)"
+        raise InputError(samples.source, "", f"the rotors turn as they did not on the model's stand; {need}")
+    known = np.logical_and.reduce([rows[c] for c in rows if c not in unknown])
+    if not known.all():
+        notes.append(f"{np.sum(~known)} rows: not judged, the model's stand did not run the rotors so")
+    return present, keep[known]
 
 
 def _idle(u: Array) -> NDArray[np.bool_]:

@@ -188,6 +188,8 @@ def _surface(
         process = waves(own, MAP_LENGTH)
         if c in (2, 3, 4, 5) and np.ptp(other) > 0.0:
             process = products(process, waves(other, MAP_LENGTH))
+        if c > 3 and frame.model.drive is not None:  # as far as it missed its own stand's speeds
+            size = max(size, (frame.model.drive.upper, frame.model.drive.lower)[c - 4].error)
         process = process[0], process[1] * size
         weight = weights[:, k]
         if frame.free_nuisance and c < 4:

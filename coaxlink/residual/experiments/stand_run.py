@@ -273,7 +273,7 @@ def planned(bench: Bench, pieces: Sequence[Piece]) -> StandFrame:
     for c in frame.present:
         if c < 4:
             columns[COLUMN_OF[STAND_CHANNELS[c]]] = np.zeros(rows)
-    out = stand_frame(Samples(columns, "planned"), frame.model)
+    out = stand_frame(Samples(columns, "planned"), frame.model, extrapolated=True)
     return replace(
         out,
         free_nuisance=frame.free_nuisance,
