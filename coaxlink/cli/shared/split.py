@@ -72,7 +72,7 @@ class Split:
                 session, self._vehicle, reach=self._reach, levels=LEVELS, dwells=self._dwells
             )
         except SafetyRefusal as error:
-            raise SafetyRefusal(f"{error}; or two tables in turn, with --tables") from error
+            raise SafetyRefusal(f"{error.reason}; or two tables in turn, with --tables") from error
         flight.record.earlier = self._earlier
         say(flight.plan.words())
         say("at its end, a limit or your mode change the companion is silent: the split on board flies again")

@@ -20,7 +20,7 @@ from coaxlink.load import Load
 from coaxlink.residual.held_out import folds_of
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.drive import TURNS
-from coaxlink.rotor.drive_fit import BENT, driven
+from coaxlink.rotor.drive_fit import driven
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.physics import WAKE_TURNS
 from coaxlink.rotor.polynomial import design_matrix
@@ -118,9 +118,6 @@ def stand_frame(
     free = model is None
     keep = np.arange(samples.rows) if trusted is None else trusted
     notes = [f"speeds: {speeds.source}"]
-    if throttles is not None and {3, 5} <= set(present) and not extrapolated:
-        known = model is not None and model.drive is not None
-        keep = _turned_by_throttle(u, throttles[:, 1], measured[:, 3], keep, notes, known)
     if back.any():
         place = samples.place(int(np.argmax(back)) + 1)
         notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")
@@ -131,6 +128,8 @@ def stand_frame(
         nuisance = model
         if not extrapolated:
             present, keep = _where_measured(model, samples, u, present, keep, notes)
+        if throttles is not None and model.drive is not None and {3, 5} <= set(present) and not extrapolated:
+            keep = _turned_by_throttle(u, throttles[:, 1], measured[:, 3], keep, notes)
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
@@ -189,17 +188,13 @@ def _set_points(u: Array) -> bool:
 
 
 def _turned_by_throttle(
-    u: Array, throttle: Array, torque: Array, keep: NDArray[np.intp], notes: list[str], known: bool
+    u: Array, throttle: Array, torque: Array, keep: NDArray[np.intp], notes: list[str]
 ) -> NDArray[np.intp]:
-    """Rows without those in which the upper rotor's wake turns the lower one faster than its throttle does,
-    or, of a `known` drive, helps to turn it: no drive is fitted to such rows.
+    """Rows without those in which the upper rotor's wake helps to turn the lower one: no drive is fitted to
+    such rows, and none is held against them.
     """
     drives = driven(u[:, 1], torque) & (throttle > TURNS)
     wake = ~drives & (u[:, 0] > WAKE_TURNS * u[:, 0].max()) & (u[:, 1] > TURNS)
-    if not wake.any() or drives.sum() < LEAST_ROWS:
-        return keep
-    if not known:
-        wake &= u[:, 1] - np.polyval(np.polyfit(throttle[drives], u[drives, 1], 2), throttle) > BENT
     if not wake[keep].any() or np.mean(wake[keep]) > MOST_TURNED:
         return keep
     notes.append(
