@@ -56,8 +56,15 @@ def _more(result: Refinement) -> str:
 
 
 def above_floor(result: Refinement) -> dict[str, float]:
-    """Channels that are left with more than the scatter of neighbouring rows: how many times it."""
-    times = {name: c.rmse_after / c.noise_floor for name, c in result.channels.items() if c.noise_floor > 0.0}
+    """Channels that are left with more than the scatter of neighbouring rows: how many times it.
+
+    Where small corrections err more on rows that they did not see than the model as given, it counts.
+    """
+    times = {
+        name: min(c.rmse_after, c.rmse_as_given) / c.noise_floor
+        for name, c in result.channels.items()
+        if c.noise_floor > 0.0
+    }
     return {name: t for name, t in times.items() if t > COLOURED}
 
 
