@@ -110,8 +110,8 @@ def _pool(machine: Machine) -> Iterator[_Pool]:
         executor = ProcessPoolExecutor(machine.here, multiprocessing.get_context("spawn"), _ignore_interrupt)
         try:
             yield _Pool(executor.submit, partial(wait, return_when="FIRST_COMPLETED"), machine.here)
-        except (KeyboardInterrupt, GeneratorExit):  # here, or in what takes the rows
-            _end_workers()
+        except (KeyboardInterrupt, GeneratorExit, BrokenExecutor):  # here, in what takes the rows, or killed
+            _end_workers()  # one that waits for what a killed one held takes no notice of a termination
             raise
         finally:
             executor.shutdown(wait=True, cancel_futures=True)

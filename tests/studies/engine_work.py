@@ -9,15 +9,25 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
+DEAF_S = 30.0
 COLUMNS = {"cell": "int64", "law": "string", "value": "float64"}
 
 
 def work(payload: dict[str, object], cells: Sequence[int]) -> list[dict[str, object]]:
-    """Rows that follow from the cell; whoever first does cell `dies` (once, by a flag file) is killed."""
+    """Rows that follow from the cell; whoever first does cell `dies` (once, by a flag file) is killed, and
+    whoever first does cell `deaf` is deaf to termination, and busy until after that.
+    """
     flag, dies = payload.get("flag"), payload.get("dies")
+    if payload.get("deaf") in cells and not Path(f"{flag}.deaf").exists():
+        Path(f"{flag}.deaf").write_text("deaf")
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        while not Path(str(flag)).exists():
+            time.sleep(0.01)
+        time.sleep(DEAF_S)
     if flag and dies in cells and not Path(str(flag)).exists():
         Path(str(flag)).write_text("dead")
         os.kill(os.getpid(), signal.SIGKILL)

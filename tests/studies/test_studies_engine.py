@@ -8,13 +8,14 @@ import itertools
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
 
 import pytest
 from case_table import case_table
-from engine_work import COLUMNS, work
+from engine_work import COLUMNS, DEAF_S, work
 
 from coaxlink import files
 from coaxlink.errors import CheckFailed, InputError, LinkError
@@ -125,6 +126,16 @@ def test_a_killed_worker_of_this_machine_costs_no_row(tmp_path):
     payload = {"flag": str(tmp_path / "flag"), "dies": 30}
     given = [row["cell"] for rows in run(work, payload, range(CELLS), Machine(2), 9) for row in rows]
     assert (tmp_path / "flag").exists() and sorted(given) == list(range(CELLS))
+
+
+@pytest.mark.slow
+def test_nobody_waits_for_a_worker_that_takes_no_notice_once_another_was_killed(tmp_path):
+    """It may wait for a lock that the killed one held: CI stood still for ten minutes."""
+    payload = {"flag": str(tmp_path / "flag"), "dies": 30, "deaf": 0}
+    begun = time.monotonic()
+    given = [row["cell"] for rows in run(work, payload, range(CELLS), Machine(2), 9) for row in rows]
+    assert (tmp_path / "flag.deaf").exists() and sorted(given) == list(range(CELLS))
+    assert time.monotonic() - begun < 0.7 * DEAF_S
 
 
 @pytest.mark.slow
