@@ -69,7 +69,7 @@ def test_other_answers():
 
 
 def test_what_is_left_above_the_noise_is_not_said_to_be_explained():
-    left = {"torque_x": SimpleNamespace(rmse_after=0.02, noise_floor=0.001)}
+    left = {"torque_x": SimpleNamespace(rmse_after=0.02, rmse_as_given=0.03, noise_floor=0.001)}
     line = after_refine(answer(channels=left), None, True)
     assert line == "next: a flight in calm air would show what is in torque_x; no model was changed"
     assert "explains these data" in after_refine(answer(), None, True)
