@@ -95,8 +95,9 @@ def main() -> int:
     parser.add_argument("--only", default="", help="maps with this in their names")
     parser.add_argument("--small", action="store_true", help="a map of our own, for CI")
     a = parser.parse_args()
+    scratch = tempfile.TemporaryDirectory()
     if a.small:
-        a.folder = Path(tempfile.mkdtemp())
+        a.folder = Path(scratch.name)
         made_map(a.folder / "made_zD07.csv")
     if not a.folder.is_dir():
         sys.exit(f"second_day: no folder {a.folder}: the shared data's maps are expected")

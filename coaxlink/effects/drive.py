@@ -15,6 +15,7 @@ from coaxlink.effects.static import StaticVehicle, refuse_speed
 from coaxlink.effects.tracing import Array
 from coaxlink.frames import StandFrame
 
+SETTLED_S = 0.6  # s from row to row, judgement: a lag has settled in between, and nothing moves within a row
 LOAD = Parameter("load", "1", -0.8, 2.0, moves=True,
     source="wide: any value between the bounds; how resistance and load share the fall of speed goes with "
            "the motor")  # fmt: skip

@@ -14,7 +14,7 @@ import numpy as np
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import changed_by, drivable, drive
+from coaxlink.effects.drive import SETTLED_S, changed_by, drivable, drive
 from coaxlink.effects.play import fading, slipping
 from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, StandFrame
@@ -31,7 +31,6 @@ TURNED = 0.01  # of normalised speed: less is no turn
 TREMBLES = 0.1  # of a path's range, judgement: three deviations of a held speed are less
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
-SETTLED_S = 0.6  # s from row to row: nothing moves within rows that are conditions
 STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
 
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import changed_by, drive
+from coaxlink.effects.drive import SETTLED_S, changed_by, drive
 from coaxlink.effects.parameter import Range
 from coaxlink.effects.tracing import Array, NotShown, Tracing
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
@@ -93,7 +93,7 @@ def _no_time(frame: StandFrame) -> str | None:
     step = float(np.median(np.diff(frame.time_s))) if len(frame.time_s) > 2 else np.inf
     if not step > 0.0:
         return "most rows repeat the time of the row before"
-    if not step < 0.6:
+    if not step < SETTLED_S:
         return f"rows are {step:.1f} s apart: a lag has settled between them"
     return None  # without throttles it is what the log calls speed that runs ahead of the rotors
 
