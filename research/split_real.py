@@ -71,7 +71,7 @@ class Watched(Truth):
 
 def _world(to: str, world: SimWorld, address: str, gusts: int, over: Any, pipe: Any) -> None:
     """The plant's process: serve the firmware until `over`, then give the rows."""
-    bridge = build_bridge(world, to, address, 1.0)
+    bridge = build_bridge(world, to, address, 1.0, battery=True)
     bridge.truth = truth = Watched(bridge.truth, gusts)
     pipe.send(int(bridge.name.rpartition(":")[2]))
     try:
@@ -141,7 +141,7 @@ def module(frame: Path, folder: Path, served: Any, share: float | None) -> Itera
     """PX4 with the module of this very vehicle."""
     instance = int(served.instance)
     board = Px4(Path(os.environ["PX4_MODULE_SITL"]), folder, instance)
-    params = settings(frame, "module", stock=False)
+    params = settings(frame, "module", stock=False) | {"SIM_BAT_ENABLE": 0.0, "COM_FLTT_LOW_ACT": 0.0}
     with served, board.boot(params, cut=True) as url:
         with connect(url, timeout_s=90.0):
             board.start_module(board_law(load_vehicle(frame)).hover)

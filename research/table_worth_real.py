@@ -170,7 +170,7 @@ def settings(airframe: Path, law: str, stock: bool) -> dict[str, float]:
     owner.store.recall(table)
     outputs = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, vehicle.rotors + 1)}
     # a busy machine sends late: waited for, not answered by PX4's failsafe in the middle of a trial
-    ours = {"SIM_BAT_ENABLE": 0.0, "COM_OF_LOSS_T": 60.0}
+    ours = {"SIM_BAT_MIN_PCT": 100.0, "COM_OF_LOSS_T": 60.0}
     return {**table, **outputs, **tuned_settings(owner, lift=not stock), **ours}
 
 

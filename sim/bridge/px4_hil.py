@@ -45,8 +45,11 @@ class Px4Bridge:
     backlog of the free run would stay between readings and controls for good. `speed` paces by wall time; 0
     is as fast as it answers. An autopilot that hung up may come again; a silent one gives way to another.
 
-    The pack is told to a MAVLink line of the instance that connects to `port`, as a smart battery of its own
-    system would: where PX4 listens is known by that number alone.
+    With `battery` the pack is told to the payload's MAVLink line of the instance that connects to `port`, as
+    a smart battery of its own system would: where PX4 listens is known by that number alone. PX4's own
+    simulation of one is to be off (SIM_BAT_ENABLE 0): both would write one topic. So is its failsafe for the
+    flight time left (COM_FLTT_LOW_ACT 0): it takes any battery told by MAVLink for one with 0 s left
+    (mavlink_receiver.cpp of 1.16, handle_message_battery_status).
     """
 
     def __init__(
@@ -58,6 +61,7 @@ class Px4Bridge:
         port: int = 4560,
         seed: int = 0,
         speed: float = 0.0,
+        battery: bool = False,
         patience_s: float = PATIENCE_S,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
@@ -80,7 +84,8 @@ class Px4Bridge:
         self._smart = m.MAVLink(None, srcSystem=0, srcComponent=m.MAV_COMP_ID_BATTERY)
         self._battery = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         instance = port - FIRST_PORT
-        self._battery_at = (host, BATTERY_PORT + instance) if 0 <= instance < INSTANCES else None
+        known = battery and 0 <= instance < INSTANCES
+        self._battery_at = (host, BATTERY_PORT + instance) if known else None
         self.name = "tcpin:{}:{}".format(*self._listener.getsockname())
 
     def close(self) -> None:

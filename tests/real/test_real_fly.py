@@ -33,7 +33,7 @@ GUIDED, BRAKE, LAND = 4, 17, 9  # of ArduCopter
 ENDING = {"px4": "ulg", "ardupilot": "bin"}
 OFF_PLAN_M = {"px4": 0.6, "ardupilot": 1.5}  # ArduCopter shapes its own way to a set-point
 # empty after some seconds in the air, full again once disarmed; ArduCopter's JSON simulation stays full
-EMPTIES = {"SIM_BAT_ENABLE": 1.0, "SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 40.0}
+EMPTIES = {"SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 40.0}
 CARES = {
     "px4": {"COM_DISARM_PRFLT": -1.0, "COM_OF_LOSS_T": 20.0},  # a busy machine is no lost link
     "ardupilot": {"BATT_MONITOR": 4.0, "BATT_CAPACITY": 20000.0, "DISARM_DELAY": 0.0, "FS_GCS_ENABLE": 0.0},

@@ -34,8 +34,7 @@ pytestmark = [
 GAINS = {"P": 0.2, "I": 0.3, "D": 0.003}
 TUNED = {f"MC_{axis}RATE_{k}": v for axis in ("ROLL", "PITCH") for k, v in GAINS.items()}
 TUNED |= {"MC_YAWRATE_P": 0.45, "MC_YAWRATE_I": 0.3}
-# the bridge tells the pack of the plant; its own simulation empties one by the clock
-BATTERY = {"SIM_BAT_ENABLE": 0.0}
+BATTERY = {"SIM_BAT_MIN_PCT": 100.0}  # else its own simulation empties one by the clock
 
 
 @pytest.fixture

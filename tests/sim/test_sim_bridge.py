@@ -284,7 +284,7 @@ def test_the_pack_is_told_to_the_instance_that_listens_beside() -> None:
 def _free_instance(line: socket.socket) -> tuple[int, Px4Bridge]:
     for instance in range(60, 100):
         with suppress(PortError):
-            bridge = build_bridge(WORLD, "px4", f"tcpin:127.0.0.1:{4560 + instance}")
+            bridge = build_bridge(WORLD, "px4", f"tcpin:127.0.0.1:{4560 + instance}", battery=True)
             try:
                 line.bind(("127.0.0.1", 14280 + instance))
             except OSError:

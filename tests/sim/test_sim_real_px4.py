@@ -50,7 +50,7 @@ def presets(bridge: Px4Bridge) -> dict[str, str]:
     names = [f"CA_ROTOR{n}_{k}" for n in rotors for k in ("PX", "PY", "PZ", "KM", "CT")]
     names += [f"PWM_MAIN_FUNC{n + 1}" for n in rotors] + ["CA_ROTOR_COUNT"]
     values: dict[str, float] = {name: store[name] for name in names}
-    values |= {"CA_AIRFRAME": 0, "MPC_THR_HOVER": tuned.hover, "COM_RC_IN_MODE": 4, "SIM_BAT_ENABLE": 0}
+    values |= {"CA_AIRFRAME": 0, "MPC_THR_HOVER": tuned.hover, "COM_RC_IN_MODE": 4, "SIM_BAT_MIN_PCT": 100}
     values["COM_DISARM_PRFLT"] = -1.0  # ten of its seconds are a moment of ours
     for axis, gains in zip(("ROLL", "PITCH", "YAW"), tuned.gains, strict=True):
         values |= {f"MC_{axis}RATE_{k}": g for k, g in zip("PID", gains, strict=True)}
