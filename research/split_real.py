@@ -141,7 +141,7 @@ def module(frame: Path, folder: Path, served: Any, share: float | None) -> Itera
     """PX4 with the module of this very vehicle."""
     instance = int(served.instance)
     board = Px4(Path(os.environ["PX4_MODULE_SITL"]), folder, instance)
-    params = settings(frame, "module", stock=False) | {"SIM_BAT_ENABLE": 0.0, "COM_FLTT_LOW_ACT": 0.0}
+    params = settings(frame, "module", stock=False) | {"SIM_BAT_ENABLE": 0.0, "COM_FLTT_LOW_ACT": 1.0}
     with served, board.boot(params, cut=True) as url:
         with connect(url, timeout_s=90.0):
             board.start_module(board_law(load_vehicle(frame)).hover)
