@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, MICROSECONDS_WRAP_S
 from coaxlink.data.logs.mavlink_frames import LONGEST_FRAME, Heard, Rows, Sender, heard, message_numbers
 from coaxlink.data.logs.outputs import (
     Map,
@@ -52,7 +52,6 @@ NAMES = (
     "LOCAL_POSITION_NED", "ACTUATOR_OUTPUT_STATUS", "SERVO_OUTPUT_RAW", "BATTERY_STATUS", "ESC_STATUS",
     "ESC_INFO", *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
 )  # fmt: skip
-WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
 CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU")  # one at a time
 QUIET = ("HEARTBEAT", "PARAM_VALUE")  # sent on the ground too
 FLIGHT_MESSAGES = "messages of a flight"
@@ -265,7 +264,7 @@ def _stamped(sent: Mapping[str, Rows]) -> dict[str, Message]:
     clock, clocks = 0.0, np.empty(len(order))
     for i, stamp, short in zip(order.tolist(), own[order].tolist(), wraps[order].tolist(), strict=True):
         if short:
-            clock = stamp + WRAP_S * round((clock - stamp) / WRAP_S)
+            clock = stamp + MICROSECONDS_WRAP_S * round((clock - stamp) / MICROSECONDS_WRAP_S)
         elif not math.isnan(stamp):
             clock = stamp
         clocks[i] = clock

@@ -22,6 +22,7 @@ from coaxlink.residual.diagnosis.noise import white
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import CLAIMED
 from coaxlink.residual.faults.stand_faults import rows_text
+from coaxlink.residual.faults.yardstick import TOLERANCE
 from coaxlink.residual.result import Suspect
 
 Mask = NDArray[np.bool_]
@@ -30,7 +31,6 @@ FAULT_ROUNDS = 4
 # of the rows, judgement: less is an outlier, more is what the log is like
 LEAST_SHARE, MOST_SHARE = 0.01, 0.5
 LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
-TOLERANCE = 0.03  # of the reference load: what a nuisance may err by, as a model of another day does
 EXCESS = 0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is its own error
 WITHIN = 3.0  # standard deviations of the readings at a limit
 

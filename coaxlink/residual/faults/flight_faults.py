@@ -42,13 +42,13 @@ from coaxlink.residual.faults.kinematics import (
     step_of,
 )
 from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine, limits_of
+from coaxlink.residual.faults.silent_speeds import STUCK_S
 from coaxlink.residual.faults.states import WHOLE, Finding, Mask, runs_of
 from coaxlink.residual.faults.yardstick import BEGINS, SURE, nats_of
 from coaxlink.residual.result import Suspect
 from coaxlink.signals import low_pass
 
 # priors: name = value  # unit, source
-STUCK_S = 0.5  # less is a packet that was lost
 WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
 LINEAR, STEP = 0.5, 1e-3  # of a command's variance: judgement; 1 us of PWM's 1000
 MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V

@@ -16,6 +16,7 @@ from scipy.optimize import lsq_linear
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data.logs.flight import MOTOR
+from coaxlink.data.logs.streams import ANGLES
 from coaxlink.data.samples import Samples
 from coaxlink.frames import GRAVITY_NED, Array
 from coaxlink.residual.faults.states import Mask
@@ -24,7 +25,6 @@ from coaxlink.residual.faults.yardstick import HEAVY, SURE
 ACCEL = tuple(f"accel_{a}_m_s2" for a in "xyz")
 GYRO = tuple(f"gyro_{a}_rad_s" for a in "xyz")
 VELOCITY = tuple(f"vel_{a}_m_s" for a in "ned")
-ANGLES = ("roll_rad", "pitch_rad", "yaw_rad")
 HEIGHT = "height_m"
 COLUMNS = (*ACCEL, *GYRO, *VELOCITY, *ANGLES, HEIGHT)
 # priors: name = value  # unit, source
