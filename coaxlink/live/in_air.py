@@ -61,7 +61,7 @@ class Call:
 class RotorsInAir:
     """What is believed now."""
 
-    word: str  # sound, watch, called, cannot judge, not this vehicle; "" while nothing can be said
+    word: str  # sound, watch, called, cannot judge, not this vehicle; "" while nothing can be reported
     why: str  # there is no verdict
     suspicions: tuple[Suspicion, ...] = ()
     calls: tuple[Call, ...] = ()
@@ -69,7 +69,7 @@ class RotorsInAir:
 
     @property
     def worst(self) -> float | None:
-        """Probability that the most suspected rotor lost thrust; None while nothing can be said."""
+        """Probability that the most suspected rotor lost thrust; None while nothing can be reported."""
         if self.calls:
             return max(c.probability for c in self.calls)
         if not self.word or self.reasons:
@@ -159,7 +159,7 @@ class InAir:
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Why nothing can be said; of the last flight, until another one says otherwise."""
+        """Why nothing can be reported; of the last flight, until another one says otherwise."""
         return (*self._weighed.differs, *self._weighed.doubts.values())
 
     @property

@@ -147,13 +147,13 @@ def _link(path: Path, system: int | None) -> _Link:
     boots = []
     edges = [0, *cuts(str(path), _streams(sent, found), LATE_S), 2**62]
     for first, last in pairwise(edges):
-        said = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
+        stated = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
         values: dict[str, float] = {}
         if reported is not None:
             later = _parameters(reported.between(last, 2**62), bytewise=bytewise, first=True)
             values = later | _parameters(reported.between(0, last - 1), bytewise=bytewise)
-        if said:
-            boots.append(_Boot(_stamped(said), values))
+        if stated:
+            boots.append(_Boot(_stamped(stated), values))
     return _Link(boots, provenance, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME)
 
 
@@ -179,7 +179,7 @@ def _streams(sent: Mapping[str, Rows], found: Heard) -> Iterator[Stream]:
 def chosen(
     path: Path, sent: Mapping[Sender, int], system: int | None, what: str
 ) -> tuple[Sender, tuple[str, ...]]:
-    """Whom to read, and what must be said of the others; `sent` is how much each sent. Raises InputError.
+    """Whom to read, and what must be reported of the others; `sent` is how much each sent. Raises InputError.
 
     >>> chosen(Path("f.tlog"), {(1, 1): 900, (2, 1): 40}, 2, "messages")[0]
     (2, 1)
@@ -208,7 +208,7 @@ def chosen(
 
 def tlog_parameters(path: Path, system: int | None = None) -> tuple[dict[str, float], tuple[str, ...]]:
     """The last value of each parameter that an autopilot sent (a ground station asks for all of them), and
-    what must be said of others.
+    what must be reported of others.
 
     Of several senders that of `system`, else the one that sent the most. Raises InputError for none.
     """

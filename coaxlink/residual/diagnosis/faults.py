@@ -21,8 +21,8 @@ from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import white
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import CLAIMED
+from coaxlink.residual.faults.reference import TOLERANCE
 from coaxlink.residual.faults.stand_faults import rows_text
-from coaxlink.residual.faults.yardstick import TOLERANCE
 from coaxlink.residual.result import Suspect
 
 Mask = NDArray[np.bool_]
@@ -52,7 +52,7 @@ class Weighed:
 
     suspect: Suspect
     rows: Mask
-    nats: float
+    log_evidence: float
 
 
 def weighed_faults(ch: Channels, best: Hypothesis) -> Weighed | None:
@@ -67,10 +67,14 @@ def weighed_faults(ch: Channels, best: Hypothesis) -> Weighed | None:
         if best.members or best.forms:
             forms = tuple(f for f in best.forms if f in other.forms)
             score = max(score, scorer.score(best.members, forms, best.fit.noise).score)
-        nats = score + fault.log_prior + float(ODDS) - rival
-        if nats > np.log(CLAIMED / (1.0 - CLAIMED)) and (found is None or nats > found.nats):
-            why = f"{fault.why} (log evidence {nats:.0f} above every effect's)"
-            found = Weighed(Suspect(fault.column, rows_text(fault.rows), why), fault.rows, float(nats))
+        log_evidence = score + fault.log_prior + float(ODDS) - rival
+        if log_evidence > np.log(CLAIMED / (1.0 - CLAIMED)) and (
+            found is None or log_evidence > found.log_evidence
+        ):
+            why = f"{fault.why} (log evidence {log_evidence:.0f} above every effect's)"
+            found = Weighed(
+                Suspect(fault.column, rows_text(fault.rows), why), fault.rows, float(log_evidence)
+            )
     return found
 
 
