@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.channels.judged_rows import LEAST_ROWS
+from coaxlink.residual.channels.stand import joined, stand_frame
 from coaxlink.residual.diagnosis.answer import answered
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided

@@ -28,7 +28,7 @@ EFFECT = np.log(10.0)  # nats: an effect as large as that is in one of ten rows
 BEGINS = np.log(50.0)  # nats: what has failed fails anew once in fifty rows
 SURE = 2.0 * np.log(1e4)  # nats: one log of 100 has a fault, 99 % sure; twice, as rows are not independent
 LOADED, FAIR = 0.25, (0.2, 5.0)  # of the reference: less load tells no ratio; beyond, a tenth of that does
-TURNS = 0.2  # of full speed: a rotor near rest has no load to lose, whatever wake it stands in
+BEARS_LOAD = 0.2  # of full speed: a rotor near rest has no load to lose, whatever wake it stands in
 GONE = 0.05  # of the load: what a cell reads whose plug is off
 QUIETEST = 0.25  # of the rows say what noise is: the others may be of another gain
 FIT_ROWS, RICH = 4000, 100  # effort; places that a polynomial of third order wants
@@ -113,7 +113,8 @@ class Reference:
             if partner not in self.frame.present:
                 alone = np.full(len(won), not self.frame.driven)
             fair = not state.factor or FAIR[0] < abs(state.factor) < FAIR[1]
-            determined: Mask = loaded[:, c] & ((self.frame.speeds[:, c // 2] > TURNS) | (state.factor != 0.0))
+            bears = self.frame.speeds[:, c // 2] > BEARS_LOAD
+            determined: Mask = loaded[:, c] & (bears | (state.factor != 0.0))
             determined |= (np.abs(due[:, c]) > LOADED / 10.0 * self.reference[c]) & (not fair)
             won = np.where(determined, np.where(alone, won, -BEGINS), 0.0)
         return np.where(np.isfinite(won), won, -SURE)

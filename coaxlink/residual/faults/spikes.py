@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF
-from coaxlink.residual.faults.reference import TURNS, reference_of
+from coaxlink.residual.faults.reference import BEARS_LOAD, reference_of
 from coaxlink.residual.faults.states import Finding, Mask, readings_of
 
 BESIDE = 5  # rows, of which a spike has two at the most
@@ -41,7 +41,7 @@ def spikes(frame: StandFrame, usable: Mask) -> Iterator[Finding]:
         far = np.abs(jump) > max(LARGE, FAR * noise)
         if c ^ 1 in jumps:
             far &= np.abs(jumps[c ^ 1]) < ALIKE * np.abs(jump)
-        far &= steady & (log.speeds[:, c // 2] > TURNS)
+        far &= steady & (log.speeds[:, c // 2] > BEARS_LOAD)
         if far.sum() >= OFTEN and np.mean(far) < MOST_SPIKES:
             why = "single readings that neither the rows beside nor the rotor's other load show: spikes"
             yield COLUMN_OF[STAND_CHANNELS[c]], far, why
