@@ -29,17 +29,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from split_flown import HERE, TRUTH, Found, World, judged, logs, prepared, show
+from split_flown import HERE, TRUTH, Found, Simulation, judged, logs, prepared, show
 from table_worth_real import settings
 
 from coaxlink.live.onboard.description import board_law
 from coaxlink.mavlink import connect
 from coaxlink.vehicle import load_vehicle
 from sim.physics.plant import Plant
+from sim.simulation import Simulation as SimWorld
+from sim.simulation import build_bridge
 from sim.truth import Truth
 from sim.vehicle import LOWER
-from sim.world import World as SimWorld
-from sim.world import build_bridge
 
 sys.path.insert(0, str(HERE.parent / "tests" / "real"))
 from real_autopilots import Px4, arducopter, free_instance, real_time
@@ -213,7 +213,7 @@ def walk(way: str, path: Path, keep: Path, o: Any) -> None:
                 raise RuntimeError(answer["split"]["why"])
             levels += true_shares(answer, rows)
             after.append(place / "fly.json")
-            judged(found, answer["split"], np.array(levels), World(path, frame, place / "truth.toml"))
+            judged(found, answer["split"], np.array(levels), Simulation(path, frame, place / "truth.toml"))
             found.logs = logs(place / "log", frame)
         except RuntimeError as error:
             found.problem = str(error)
