@@ -221,7 +221,7 @@ def build_bridge(
 ) -> Any:
     """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
 
-    `battery`: PX4 is told the plant's pack; ArduPilot always is. `speed` is times real time, 0 as fast as it
+    `battery`: PX4 hears of the plant's pack; ArduPilot always does. `speed` is times real time, 0 as fast as it
     goes; an ArduPilot sets its own pace (its --speedup). `say` takes a line when lock-step was left, a link
     ended, and the counts at the end.
     """

@@ -1,4 +1,4 @@
-"""What PX4 is told in one step of its simulator interface: HIL_SENSOR, HIL_GPS and the ground truth.
+"""What PX4 hears in one step of its simulator interface: HIL_SENSOR, HIL_GPS and the ground truth.
 
 IMU at 250 Hz, magnetometer and barometer at 50, GPS at 10. Every reading is noisy: more than a hundred equal
 ones are a dead sensor to it. The interface has no battery: BATTERY_STATUS, at 10 Hz, goes to a MAVLink line.

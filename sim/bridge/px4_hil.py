@@ -45,10 +45,10 @@ class Px4Bridge:
     backlog of the free run would stay between readings and controls for good. `speed` paces by wall time; 0
     is as fast as it answers. An autopilot that hung up may come again; a silent one gives way to another.
 
-    With `battery` the pack is told to the payload's MAVLink line of the instance that connects to `port`, as
+    With `battery` the pack is sent to the payload's MAVLink line of the instance that connects to `port`, as
     a smart battery of its own system would: where PX4 listens is known by that number alone. PX4's own
     simulation of one is to be off (SIM_BAT_ENABLE 0): both would write one topic. Its failsafe for the flight
-    time left is to warn only (COM_FLTT_LOW_ACT 1; even with 0 it holds for 5 s): it takes a battery told by
+    time left is to warn only (COM_FLTT_LOW_ACT 1; even with 0 it holds for 5 s): it takes a battery sent by
     MAVLink for one with 0 s left (mavlink_receiver.cpp of 1.16, handle_message_battery_status).
     """
 
