@@ -221,9 +221,9 @@ def build_bridge(
 ) -> Any:
     """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
 
-    `battery`: PX4 hears of the plant's pack; ArduPilot always does. `speed` is times real time, 0 as fast as it
-    goes; an ArduPilot sets its own pace (its --speedup). `say` takes a line when lock-step was left, a link
-    ended, and the counts at the end.
+    `battery`: PX4 hears of the plant's pack, as ArduPilot always does. `speed` is times real time, 0 as fast
+    as it goes; an ArduPilot sets its own pace (its --speedup). `say` takes a line when lock-step was left, a
+    link ended, and the counts at the end.
     """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:
