@@ -42,9 +42,11 @@ firmwares = pytest.mark.parametrize(
 
 
 @contextmanager
-def board(firmware: str, folder: Path, second_port: int, system: int = 1, port: int = 0) -> Iterator[str]:
-    """One of either firmware on the ground: its line. It speaks to `port` or one of its own, and to
-    `second_port`."""
+def board(
+    firmware: str, folder: Path, second_port: int, system: int = 1, port: int = 0
+) -> Iterator[tuple[str, int]]:
+    """One of either firmware on the ground: its line and its number, PX4's being that of its instance. It
+    speaks to `port` or one of its own, and to `second_port`."""
     home = folder / f"{firmware}{system}"
     home.mkdir()
     with ExitStack() as stack:
@@ -52,19 +54,22 @@ def board(firmware: str, folder: Path, second_port: int, system: int = 1, port: 
             who = {"MAV_SYSID": system, "SYSID_THISMAV": system}  # its name until 4.6
             kind = {"speed": 1.0, "port": port, "second_port": second_port}
             world = ("--airframe", str(AIRFRAME))
-            yield stack.enter_context(
-                arducopter(Path(BINARIES[firmware]), home, FACTORY | who, *world, **kind)
+            yield (
+                stack.enter_context(
+                    arducopter(Path(BINARIES[firmware]), home, FACTORY | who, *world, **kind)
+                ),
+                system,
             )
             return
         world = ("--airframe", str(AIRFRAME), "--speed", "1")
         one: Px4 = stack.enter_context(px4(Path(BINARIES[firmware]), home, *world))
-        url = stack.enter_context(one.boot(factory(home / "standard") | {"MAV_SYS_ID": system}, cut=True))
+        url = stack.enter_context(one.boot(factory(home / "standard"), cut=True))
         with connect(url, timeout_s=60.0):
             pass
         for to in filter(None, (port, second_port)):
             link = ("-x", "-u", str(free_port()), "-o", str(to), "-r", "4000000", "-m", "onboard")
             one.shell("mavlink", "start", *link)
-        yield f"udpin:127.0.0.1:{port}" if port else url
+        yield f"udpin:127.0.0.1:{port}" if port else url, one.instance + 1
 
 
 def tables_for(firmware: str, folder: Path) -> Path:
@@ -79,8 +84,8 @@ def test_two_vehicles_on_one_line_are_listed_and_one_is_named(firmware: str, tmp
     tables, line = tables_for(firmware, tmp_path), f"udpin:127.0.0.1:{port}"
     own = [free_port(), free_port()]
     with ExitStack() as stack:
-        for system in (1, 2):
-            stack.enter_context(board(firmware, tmp_path, own[system - 1], system, port))
+        boards = [stack.enter_context(board(firmware, tmp_path, own[n - 1], n, port)) for n in (1, 2)]
+        first, second = (str(system) for _, system in boards)
         probes = {name: held(f"udpin:127.0.0.1:{own[0]}", [name]) for name in (WRITTEN[firmware],)}
         verbs = {
             "upload": (str(tables), "--yes"), "verify": (str(tables),),
@@ -91,13 +96,17 @@ def test_two_vehicles_on_one_line_are_listed_and_one_is_named(firmware: str, tmp
             done = coaxlink(verb, *words, "--connect", line, cwd=tmp_path, fails=True)
             sys.stdout.write(f"\n{verb}: exit {done.returncode}: {done.stderr.strip()}")
             assert done.returncode == 4, verb
-            assert all(f"system {n} " in done.stderr for n in (1, 2)) and "--system" in done.stderr, verb
-        done = coaxlink("upload", str(tables), "--yes", "--connect", line, "--system", "2", cwd=tmp_path)
+            assert (
+                all(f"system {n} " in done.stderr for n in (first, second)) and "--system" in done.stderr
+            ), verb
+        done = coaxlink("upload", str(tables), "--yes", "--connect", line, "--system", second, cwd=tmp_path)
         sys.stdout.write(f"\n{done.stdout}{done.stderr}")
-        assert "system 2" in done.stderr + done.stdout
-        done = coaxlink("verify", str(tables), "--connect", line, "--system", "2", cwd=tmp_path)
-        assert "system 2" in done.stderr + done.stdout
-        other = coaxlink("verify", str(tables), "--connect", line, "--system", "1", cwd=tmp_path, fails=True)
+        assert f"system {second}" in done.stderr + done.stdout
+        done = coaxlink("verify", str(tables), "--connect", line, "--system", second, cwd=tmp_path)
+        assert f"system {second}" in done.stderr + done.stdout
+        other = coaxlink(
+            "verify", str(tables), "--connect", line, "--system", first, cwd=tmp_path, fails=True
+        )
         assert other.returncode == 1
         for name, before in probes.items():
             assert held(f"udpin:127.0.0.1:{own[0]}", [name]) == before
@@ -128,7 +137,7 @@ def crowded() -> Iterator[None]:
 def test_verify_never_fails_a_good_board(firmware: str, tmp_path: Path) -> None:
     tables = tables_for(firmware, tmp_path)
     began: list[float] = []
-    with board(firmware, tmp_path, 0) as url:
+    with board(firmware, tmp_path, 0) as (url, _):
         coaxlink("upload", str(tables), "--yes", "--connect", url, cwd=tmp_path)
         plan, wrong = load_plan(tables), []
         for pid in _ours():
@@ -169,24 +178,13 @@ def _ours() -> Iterator[int]:
 
 @firmwares
 def test_a_station_that_writes_on_is_named(firmware: str, tmp_path: Path) -> None:
-    """Another station on another link sets one value of the table every 20 ms: never "verified", and never
-    "rolled back" over its value."""
+    """Another station on another link sets one value of the table every 20 ms once the upload has written it:
+    never "verified", and never "rolled back" over its value."""
     tables, port, over = tables_for(firmware, tmp_path), free_port(), threading.Event()
-    name, out = WRITTEN[firmware], tmp_path / "up.json"
-    wanted = load_plan(tables).params.get(name)
-    with board(firmware, tmp_path, port) as url:
-        link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=250)
-        assert link.wait_heartbeat(timeout=60)
-        kind = mavutil.mavlink.MAV_PARAM_TYPE_REAL32
-        theirs = 11.0 if firmware == "px4" else 0.12
-
-        def write() -> None:
-            while not over.wait(0.02):
-                link.mav.param_set_send(
-                    link.target_system, link.target_component, name.encode(), theirs, kind
-                )
-
-        thread = threading.Thread(target=write)
+    name, out, theirs = WRITTEN[firmware], tmp_path / "up.json", 0.12 if firmware == "ardupilot" else 11.0
+    wanted = float(load_plan(tables).params[name])
+    with board(firmware, tmp_path, port) as (url, _):
+        thread = threading.Thread(target=_write_on, args=(port, name, wanted, theirs, over))
         thread.start()
         try:
             done = coaxlink(
@@ -195,12 +193,25 @@ def test_a_station_that_writes_on_is_named(firmware: str, tmp_path: Path) -> Non
         finally:
             over.set()
             thread.join()
-            link.close()
         found = json.loads(out.read_text())
         now = held(url, [name])[name]
     sys.stdout.write(f"\n{firmware}: exit {done.returncode}, {found['result']}, {name} {now}: {done.stderr}")
-    assert wanted is None or wanted != pytest.approx(theirs)
-    if wanted is not None:
-        assert done.returncode != 0 and found["result"] == "failed"
-        assert "station" in done.stderr or "system 250" in done.stderr
-    assert now == pytest.approx(theirs, rel=1e-4)
+    assert done.returncode != 0
+    assert "system 250" in done.stderr or "another station" in done.stderr
+    assert found["result"] == ("failed" if now == pytest.approx(theirs) else "rolled_back")
+
+
+def _write_on(port: int, name: str, wanted: float, theirs: float, over: threading.Event) -> None:
+    link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=250)
+    link.wait_heartbeat(timeout=60)
+    kind, written = mavutil.mavlink.MAV_PARAM_TYPE_REAL32, False
+    while not over.wait(0.02):
+        to = link.target_system, link.target_component
+        while (heard := link.recv_msg()) is not None:  # also follows it to another port
+            if heard.get_type() == "PARAM_VALUE" and heard.param_id == name:
+                written = written or abs(heard.param_value - wanted) < 1e-4 * abs(wanted)
+        if written:
+            link.mav.param_set_send(*to, name.encode(), theirs, kind)
+        else:
+            link.mav.param_request_read_send(*to, name.encode(), -1)
+    link.close()
