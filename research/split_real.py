@@ -217,8 +217,8 @@ def ended(name: str, served: Any) -> None:
     back = float(last[-1] - served.taken_s) if len(last) else 0.0
     lost = height[after][0] - height[after & (wall < served.taken_s + back + LOST_S)].min()
     print(
-        f"{name}: share {share[after][0]:.3f}, {board:.3f} on board; back {back:.2f} s after the pilot's word, "
-        f"{lost:.2f} m lost until {LOST_S:g} s after: {served.said.strip().splitlines()[-1]}",
+        f"{name}: share {share[after][0]:.3f}, {board:.3f} on board; back {back:.2f} s after the pilot's "
+        f"word, {lost:.2f} m lost until {LOST_S:g} s after: {served.said.strip().splitlines()[-1]}",
         flush=True,
     )
 
