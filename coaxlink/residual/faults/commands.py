@@ -28,6 +28,7 @@ from coaxlink.residual.faults.mixer_demands import (
 )
 from coaxlink.residual.faults.repeats import is_fine
 from coaxlink.residual.faults.silent_speeds import STUCK_S, speed_faults
+from coaxlink.residual.faults.speeds_apart import speeds_apart
 from coaxlink.residual.faults.states import Finding, Mask, runs_of
 
 LIMITS = ("MOT_SPIN_MIN", "MOT_SPIN_MAX")  # of ArduPilot; PX4's outputs end where a command is 0 or 1
@@ -64,10 +65,14 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     for name, rows in found.items():
         yield name, rows, "one command repeats exactly while the others move: it is no reading there"
     usable = free & ~np.any(list(held.values()), axis=0)
-    yield from commands_apart(log, names, commands, usable)
+    apart = list(commands_apart(log, names, commands, usable))
+    yield from apart
     for k, n in enumerate(rotors):
         if log.has(f"rpm{n}"):
             yield from speed_faults(log, f"rpm{n}", commands[:, k], flying, flying & ~held[names[k]])
+    sound = [k for k, name in enumerate(names) if name not in {column for column, *_ in apart}]
+    usable = flying & ~np.any(list(held.values()), axis=0)
+    yield from speeds_apart(log, [rotors[k] for k in sound], commands[:, sound], usable)
 
 
 def _limits(log: Samples, commands: Array, flying: Mask) -> set[float]:

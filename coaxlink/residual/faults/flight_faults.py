@@ -62,6 +62,7 @@ LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
 TOLD_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
+TOLD_BY |= dict.fromkeys(("roll", "pitch", "yaw"), "gyros")
 EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
 
 
@@ -164,7 +165,7 @@ class _Judged:
         won[~usable] = 0.0
 
         def borne_out(k: int, mine: Mask) -> Mask | None:
-            # labels are exchanged, and angles reversed, from the first row on: seen wherever it moves
+            # labels are exchanged from the first row on: seen wherever it moves
             whole = found[k][0] in SHARE or mine.sum() > 0.5 * usable.sum()
             gained = float(won[mine, k].sum()) - len(runs_of(mine)) * BEGINS
             return mine if whole and gained > max(SURE, SLIGHT * mine.sum()) else None
@@ -196,19 +197,22 @@ class _Judged:
         roll, pitch, _ = ANGLES
         there = self.kin.misses(**{roll: log[pitch], pitch: log[roll]})
         yield f"{roll}, {pitch}", EXCHANGED, there
-        for name in ANGLES:
-            why = "it goes against what the gyros tell: its sign is wrong"
-            yield name, why, self.kin.misses(**{name: -log[name]})
         sigma = noise_of(self.sound[usable])
         off = usable & np.any(np.abs(self.sound) > 3.0 * sigma, axis=1)
-        for name, twice in self.linear.scales.items():
+        for name in (*self.linear.scales, *ANGLES):
             for at in (usable, off):
                 times = self.linear.scale(name, self.misses, sigma, at) if at.any() else 1.0
                 if SHARE[name][0] <= 1.0 / times <= SHARE[name][1]:
                     continue
                 told, what = TOLD_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
                 why = f"it reads {1.0 / times:.3g} times what the {told} would have: its {what} is wrong"
-                yield name, why, self.misses + (times - 1.0) * twice
+                yield name, why, self._scaled(name, times)
+
+    def _scaled(self, name: str, times: float) -> Array:
+        """(windows, 7) misses with a column times so much."""
+        if name in ANGLES:
+            return self.kin.misses(**{name: times * np.unwrap(self.kin.columns[name])})
+        return self.misses + (times - 1.0) * self.linear.scales[name]
 
 
 def _proven(kin: Kinematics, name: str, held: Mask) -> Mask:
