@@ -37,7 +37,7 @@ class Rotor:
     yaw_sign: int  # +1 for ccw (pushes the body to +yaw), -1 for cw
     level: str  # upper, lower or single
     pair: int | None  # number of the other rotor of the pair
-    # what this one gives of the rotor model's loads; other than 1 only where measured data said so
+    # what this one gives of the rotor model's loads; other than 1 only where measured data reported so
     thrust_gain: float = 1.0
     torque_gain: float = 1.0
 

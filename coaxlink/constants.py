@@ -12,4 +12,5 @@ ONE_IN_A_THOUSAND = 1e-3  # of chance, a statistical level: a test that is asked
 NORMAL_95 = 1.96  # of a normal distribution: standard deviations of half its 95 %
 NORMAL_999 = 3.29  # of its 99.9 %
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_K = 101325.0, 288.15  # ICAO standard atmosphere at sea level
+MICROSECONDS_WRAP_S = 2**32 / 1e6  # a clock of 32 bits of microseconds comes round every 71 minutes
 HALF_A_PWM_STEP = 5e-4  # of a normalised command: outputs have 1000 steps, so this near a bound is at it

@@ -342,8 +342,8 @@ def firmware_of(path: Path, names: Iterable[str], header: tuple[str, ...] = ()) 
             raise ParamsFileError(path, 0, problem)
         if px4_ != ardupilot_:
             return PX4 if px4_ > ardupilot_ else ARDUPILOT
-    said = " ".join(line for line in header if line.startswith(("Stack:", "Firmware:"))).lower()
-    return PX4 if "px4" in said else ARDUPILOT if "ardu" in said else ""
+    reported = " ".join(line for line in header if line.startswith(("Stack:", "Firmware:"))).lower()
+    return PX4 if "px4" in reported else ARDUPILOT if "ardu" in reported else ""
 
 
 def _value(path: Path, row: _Row, firmware: str, finite: bool) -> tuple[float | int, int]:

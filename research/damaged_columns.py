@@ -38,20 +38,20 @@ CLOCKS = r"\btime\b|clock|stamps|stretch|gap|missing|ends in|begins in|restart" 
 NUMBERED = re.compile(r"\b(?:motor|rpm|rotor|ESC|output)s? ?(\d)")
 
 
-def concerns(said: str, way: str, columns: str) -> bool:
+def concerns(reported: str, way: str, columns: str) -> bool:
     """Whether a doubt speaks of what is damaged: a column of "motor3, motor5", its sensor, a premise of it.
 
     A doubt that names rotors names one of the damaged ones.
     """
     if way in ("drop", "time back"):
-        return re.search(CLOCKS, said) is not None
+        return re.search(CLOCKS, reported) is not None
     names = [n for n in re.findall(r"[a-z]\w+", columns) if kind_of(n)]
-    if any(re.search(rf"\b{re.escape(n)}\b", said) for n in names):
+    if any(re.search(rf"\b{re.escape(n)}\b", reported) for n in names):
         return True
-    rotors, told = {n[-1] for n in names if n[-1].isdigit()}, set(NUMBERED.findall(said))
-    if rotors and told:
-        return bool(rotors & told)
-    return any(re.search(SENSORS[kind_of(n)], said) for n in names)
+    rotors, determined = {n[-1] for n in names if n[-1].isdigit()}, set(NUMBERED.findall(reported))
+    if rotors and determined:
+        return bool(rotors & determined)
+    return any(re.search(SENSORS[kind_of(n)], reported) for n in names)
 
 
 def kind_of(column: str) -> str:

@@ -68,9 +68,9 @@ def examples(log: Log, answer: Answer) -> Iterator[Example]:
     from coaxlink.residual.diagnosis.decide import flown_open_terms, flown_terms, opened_terms, terms_of
     from coaxlink.residual.diagnosis.features import Candidate
 
-    def beyond(numbers: dict[str, float], said: Sequence[str]) -> dict[str, float]:
+    def beyond(numbers: dict[str, float], reported: Sequence[str]) -> dict[str, float]:
         flown = log.kind == "flight"
-        return flown_open_terms(numbers, said) if flown else opened_terms(numbers, said)
+        return flown_open_terms(numbers, reported) if flown else opened_terms(numbers, reported)
 
     if answer.get("cannot_judge") or answer.get("not_this_vehicle"):  # nothing of it is said
         return
@@ -176,8 +176,8 @@ class Decider:
                 elif len(names) > 1 and p >= self.level["group"]:
                     groups[names[0]] = names
         groups = {first: names for first, names in groups.items() if first not in claimed}
-        said = [*claimed, *groups]
-        was_open = bool(answer["unexplained"]) if said else opened >= self.level["open"]
+        reported = [*claimed, *groups]
+        was_open = bool(answer["unexplained"]) if reported else opened >= self.level["open"]
         return {
             **answer,
             "effects": [{"name": n} for n in claimed],
@@ -196,11 +196,11 @@ def decider(every: Sequence[Example], trained: Sequence[str]) -> Decider:
     from coaxlink.residual.diagnosis.decide import calibration
 
     authors = sorted({e.author for e in every})
-    said: dict[int, float] = {}
+    reported: dict[int, float] = {}
     for author, model in itertools.product(authors, trained):
         mine = [e for e in every if MODEL_OF[e.model] == model]
         fitted = logistic([e for e in mine if e.author != author], RIDGES[model])
-        said |= {id(e): fitted(e.terms) for e in mine if e.author == author}
+        reported |= {id(e): fitted(e.terms) for e in mine if e.author == author}
     shipped = calibration()
     level = dict(shipped["level"])
     models = {model: Logistic(shipped[model]["intercept"], shipped[model]["weights"]) for model in MODELS}
@@ -210,7 +210,7 @@ def decider(every: Sequence[Example], trained: Sequence[str]) -> Decider:
         for kind in MODELS[model]:
             # clean logs of one author are too few to hold a level to one in a hundred
             apart = [[e for e in mine if e.author == a] for a in authors] if kind != "open" else [mine]
-            level[kind] = max(_level(some, said, kind) for some in apart)
+            level[kind] = max(_level(some, reported, kind) for some in apart)
     return Decider(models, level)
 
 
@@ -228,11 +228,11 @@ def train(
 
     every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
     authors = sorted({e.author for e in every})
-    said: dict[int, float] = {}
+    reported: dict[int, float] = {}
     scores: list[Score] = []
     for author in authors:
         others = decider([e for e in every if e.author != author], trained)
-        said |= {id(e): others.models[MODEL_OF[e.model]](e.terms) for e in every if e.author == author}
+        reported |= {id(e): others.models[MODEL_OF[e.model]](e.terms) for e in every if e.author == author}
         for log, answer in zip(logs, answers, strict=True):
             if author_of(log) == author:
                 scores.append(score(log, others.again(answer)))
@@ -246,13 +246,13 @@ def train(
     out["logs"] = calibration()["logs"] | dict.fromkeys(trained, logs_of)
     path.write_text("# written by: python research/tracing.py SET... --train\n" + tomli_w.dumps(out))
     print(f"levels {out['level']}\nevery author left out in turn:\n{table(scores)}")
-    rows = diagram(every, said)
+    rows = diagram(every, reported)
     print("\n".join(map(str, rows)))
     if picture:
         draw(rows, picture)
 
 
-def told(logs: Sequence[Log], answers: Sequence[Answer], picture: Path) -> None:
+def determined(logs: Sequence[Log], answers: Sequence[Answer], picture: Path) -> None:
     """Print and draw how often what the answers said with a probability was so."""
     from coaxlink.residual.diagnosis.decide import FLIGHTS, STANDS, probability
 
@@ -260,8 +260,8 @@ def told(logs: Sequence[Log], answers: Sequence[Answer], picture: Path) -> None:
     for kind, file, where in (("stand", STANDS, ""), ("flight", FLIGHTS, " in flight")):
         pairs = zip(logs, answers, strict=True)
         every = [e for log, answer in pairs if log.kind == kind for e in examples(log, answer)]
-        said = {id(e): probability(MODEL_OF[e.model], e.terms, file) for e in every}
-        rows += diagram(every, said, where)
+        reported = {id(e): probability(MODEL_OF[e.model], e.terms, file) for e in every}
+        rows += diagram(every, reported, where)
     print("\n".join(map(str, rows)))
     draw(rows, picture)
 
@@ -281,14 +281,14 @@ def train_flights(
     from coaxlink.residual.diagnosis.decide import FLIGHTS, calibration
 
     every = [e for log, answer in zip(logs, answers, strict=True) for e in examples(log, answer)]
-    said: dict[int, float] = {}
+    reported: dict[int, float] = {}
     counts = Counter(author_of(log) for log in logs)
     out = {name: dict(part) for name, part in calibration(FLIGHTS).items()}
     for model in trained:
         mine = [e for e in every if MODEL_OF[e.model] == model]
         for root in {e.log.root for e in mine}:
             fitted = logistic([e for e in mine if e.log.root != root], FEW_TERMS)
-            said |= {id(e): fitted(e.terms) for e in mine if e.log.root == root}
+            reported |= {id(e): fitted(e.terms) for e in mine if e.log.root == root}
         whole = logistic(mine, FEW_TERMS)
         own = {id(e): whole(e.terms) for e in mine}
         some = [log for log in logs if model == "name" or log.sort == "clean"]
@@ -298,14 +298,14 @@ def train_flights(
         out["logs"][model] = ", ".join(f"{a} {n}" for a, n in sorted(counts.items()))
     head = "# written by: python research/tracing.py SET... --kind flight --train\n"
     path.write_text(head + tomli_w.dumps(out))
-    rows = diagram([e for e in every if id(e) in said], said, " in flight")
+    rows = diagram([e for e in every if id(e) in reported], reported, " in flight")
     print(f"levels {out['level']}, every set left out in turn", *rows, sep="\n")
     if picture:
         draw(rows, picture)
 
 
 def _level(
-    mine: Sequence[Example], said: dict[int, float], kind: str, count: int = 0, share: float = 0.0
+    mine: Sequence[Example], reported: dict[int, float], kind: str, count: int = 0, share: float = 0.0
 ) -> float:
     """From where on at most the kind's share of an author's logs has something said that is not so.
 
@@ -318,7 +318,7 @@ def _level(
         if kind == "open" and (e.log.sort != "clean" or key in named):
             continue
         wrong = not e.true and e.kind == kind and not (kind == "name" and e.log.sort == "ambiguous")
-        worst[key] = max(worst.get(key, 0.0), said[id(e)] if wrong else 0.0)
+        worst[key] = max(worst.get(key, 0.0), reported[id(e)] if wrong else 0.0)
     ranked = sorted(worst.values(), reverse=True)
     allowed = round((share or SHARES[kind]) * max(count, len(ranked)))
     return ranked[allowed] + 1e-4 if len(ranked) > allowed else 0.0
@@ -329,7 +329,7 @@ class Reliability:
     """Of what was said with about one probability, how much was so, with a 95 % interval (Wilson 1927)."""
 
     what: str
-    said: float
+    reported: float
     so: float
     low: float
     high: float
@@ -337,7 +337,7 @@ class Reliability:
 
     def __str__(self) -> str:
         between = f"{self.low:.2f} .. {self.high:.2f}"
-        return f"{self.what:21s} said {self.said:.2f}  so {self.so:.2f} ({between})  {self.count:4d}"
+        return f"{self.what:21s} said {self.reported:.2f}  so {self.so:.2f} ({between})  {self.count:4d}"
 
 
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.01)
@@ -354,22 +354,22 @@ def reliability(what: str, claims: Sequence[tuple[float, bool]]) -> list[Reliabi
         n, so = len(some), sum(true for _, true in some) / len(some)
         middle = (so + WILSON**2 / (2 * n)) / (1 + WILSON**2 / n)
         half = WILSON / (1 + WILSON**2 / n) * math.sqrt(so * (1 - so) / n + WILSON**2 / (4 * n * n))
-        said = sum(p for p, _ in some) / n
-        out.append(Reliability(what, said, so, max(middle - half, 0.0), min(middle + half, 1.0), n))
+        reported = sum(p for p, _ in some) / n
+        out.append(Reliability(what, reported, so, max(middle - half, 0.0), min(middle + half, 1.0), n))
     return out
 
 
-def diagram(every: Sequence[Example], said: dict[int, float], where: str = "") -> list[Reliability]:
+def diagram(every: Sequence[Example], reported: dict[int, float], where: str = "") -> list[Reliability]:
     """Names and groups of them; that nothing is there; that something is, beyond what is named."""
     single = [e for e in every if e.model == "name" and len(e.names) == 1]
     group = [e for e in every if e.model == "name" and len(e.names) > 1]
     opened = [e for e in every if e.model == "open"]
     last = {(e.log.root, e.log.case): e for e in every if e.model in ("open", "beyond")}
     return [
-        *reliability(f"names{where}", [(said[id(e)], e.true) for e in single]),
-        *reliability(f"groups{where}", [(said[id(e)], e.true) for e in group]),
-        *reliability(f"nothing{where}", [(1.0 - said[id(e)], not e.true) for e in opened]),
-        *reliability(f"unexplained{where}", [(said[id(e)], e.true) for e in last.values()]),
+        *reliability(f"names{where}", [(reported[id(e)], e.true) for e in single]),
+        *reliability(f"groups{where}", [(reported[id(e)], e.true) for e in group]),
+        *reliability(f"nothing{where}", [(1.0 - reported[id(e)], not e.true) for e in opened]),
+        *reliability(f"unexplained{where}", [(reported[id(e)], e.true) for e in last.values()]),
     ]
 
 
@@ -385,10 +385,10 @@ def draw(rows: Sequence[Reliability], path: Path) -> None:
         # where all were so the interval ends there but for rounding
         errors = [[max(r.so - r.low, 0.0) for r in mine], [max(r.high - r.so, 0.0) for r in mine]]
         axes.errorbar(
-            [r.said for r in mine], [r.so for r in mine], errors, color="0.1", marker="o", capsize=3
+            [r.reported for r in mine], [r.so for r in mine], errors, color="0.1", marker="o", capsize=3
         )
         for r in mine:
-            axes.annotate(f"{r.count}", (r.said, r.so), (5, -11), textcoords="offset points", fontsize=8)
+            axes.annotate(f"{r.count}", (r.reported, r.so), (5, -11), textcoords="offset points", fontsize=8)
         axes.set(title=kind, xlabel="said", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
     figure.axes[0].set_ylabel("so (95 %)")
     figure.savefig(path)

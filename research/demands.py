@@ -172,9 +172,9 @@ def by_board(vehicle: Vehicle, given: Array, failed: tuple[int, ...]) -> tuple[A
         program = build(Path(folder), about, "-O2")
         dead = sum(1 << int(about.units.slots[n - 1]) for n in failed)
         held = np.repeat(given[:, about.units.order] / about.units.scale, HELD, axis=0)
-        said = on_board(program, held, dead)
-    looks = float(said.looks[-1]) / len(given)
-    return said.speeds[HELD - 1 :: HELD, about.units.slots], said.micros[::HELD], looks
+        reported = on_board(program, held, dead)
+    looks = float(reported.looks[-1]) / len(given)
+    return reported.speeds[HELD - 1 :: HELD, about.units.slots], reported.micros[::HELD], looks
 
 
 def row(

@@ -208,8 +208,8 @@ def onset_flights(count: int, seed: int) -> list[str]:
         cells = [sum(r["verdict"] == v for r in own_rows) for v in ("sound", "watch", "ground it")]
         right = sum(r["named"] for r in called)
         within = sum(r["named"] and r["inside"] for r in called)
-        told = (f"{right} of {len(called)}", f"{within} of {right}") if what in FAULTS else ("", "")
-        lines.append(f"| {what} | {' | '.join(str(c) for c in (*cells, *told))} |")
+        determined = (f"{right} of {len(called)}", f"{within} of {right}") if what in FAULTS else ("", "")
+        lines.append(f"| {what} | {' | '.join(str(c) for c in (*cells, *determined))} |")
     return lines
 
 

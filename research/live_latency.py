@@ -70,10 +70,12 @@ def autopilot(message: Any) -> list[Any]:
         return [parameter(name)] if name in ON_BOARD else []
     if kind != "COMMAND_LONG":
         return []
-    said = [m.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191)]
+    reported = [m.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191)]
     if message.command == m.MAV_CMD_REQUEST_MESSAGE:
-        said.append(m.MAVLink_autopilot_version_message(0, 0x010D03FF, 0, 0, 0, none, none, none, 0, 0, 0))
-    return said
+        reported.append(
+            m.MAVLink_autopilot_version_message(0, 0x010D03FF, 0, 0, 0, none, none, none, 0, 0, 0)
+        )
+    return reported
 
 
 # -- in real time --------------------------------------------------------------------------------------------
@@ -97,8 +99,8 @@ def meet(line: socket.socket, verb: subprocess.Popen[str]) -> None:
         with contextlib.suppress(OSError):
             line.send(BEAT.pack(mav))
             for message in mav.parse_buffer(line.recv(2048)) or []:
-                for said in autopilot(message):
-                    line.send(said.pack(mav))
+                for reported in autopilot(message):
+                    line.send(reported.pack(mav))
                 asked = asked or (message.get_type() == "COMMAND_LONG" and message.param1 == DEMAND.number)
 
     def beat() -> None:
@@ -131,7 +133,7 @@ def round_trips(line: socket.socket, rate_hz: float, cycles: int) -> np.ndarray:
     return took
 
 
-def told(name: str, took: np.ndarray) -> None:
+def determined(name: str, took: np.ndarray) -> None:
     us = 1e6 * took[np.isfinite(took)]
     figures = zip(("p50", "p99", "p99.9", "largest"), np.percentile(us, [50, 99, 99.9, 100]), strict=True)
     late = f"later than 20 ms {int((us > 1e6 * LATE_S).sum())} of {len(took)}"
@@ -162,7 +164,7 @@ def real_time(cycles: int, rate_hz: float, law: str) -> None:
     print(verb.communicate()[0].strip(), status[status.index("VmRSS") :].splitlines()[0], sep="\n")
     echoing.terminate()
     for name, blocks in times.items():
-        told(f"{name} {rate_hz:g} Hz", np.concatenate(blocks))
+        determined(f"{name} {rate_hz:g} Hz", np.concatenate(blocks))
 
 
 # -- in memory -----------------------------------------------------------------------------------------------
@@ -191,7 +193,13 @@ class Line:
             stamp, *commands = ANSWER.unpack(data[10:-2])[:9]
             self.answers[stamp] = tuple(commands)
         else:
-            self.say(*(said for message in self._mav.parse_buffer(data) or [] for said in autopilot(message)))
+            self.say(
+                *(
+                    reported
+                    for message in self._mav.parse_buffer(data) or []
+                    for reported in autopilot(message)
+                )
+            )
 
     def close(self) -> None:
         pass
@@ -240,7 +248,7 @@ def in_memory(cycles: int, rate_hz: float, law: str, nasty: bool) -> None:
             lost += stamp not in line.answers
         outside += sum(not 0.0 <= u <= 1.0 for u in line.answers.pop(stamp, ()))
         line.answers.clear()
-    told("in memory", took)
+    determined("in memory", took)
     summary = live.summary()
     print(f"lost {lost}, out of 0..1 {outside}, unanswered {summary['unanswered']}")
     if outside or live.error or (lost and not nasty):

@@ -109,8 +109,8 @@ def show(name: str, results: dict[str, Result]) -> bool:
         for b, a, v in zip(errors(result["before"]), errors(result["after"]), verdicts, strict=True)
     ]
     right = found == truth_of(name)
-    said = ("+".join(found) or "nothing") + ("" if right else " (!)")
-    row = f"{name:21}{result['way']:6}{said:32}" + "".join(f"{c:>25}" for c in cells)
+    reported = ("+".join(found) or "nothing") + ("" if right else " (!)")
+    row = f"{name:21}{result['way']:6}{reported:32}" + "".join(f"{c:>25}" for c in cells)
     print(f"{row}{result['seconds']:6.0f}", flush=True)
     for effect, why in result["not_compensated"].items():
         print(f"{'':21}not compensated: {effect}: {why}", flush=True)
@@ -175,8 +175,8 @@ def main() -> None:
             if options.json:
                 options.json.write_text(json.dumps(results, indent=1))
         good += show(name, results)
-    said = "named right, and every channel half or at the floor where it can be"
-    print(f"{good} of {len(options.only)} {said}")
+    reported = "named right, and every channel half or at the floor where it can be"
+    print(f"{good} of {len(options.only)} {reported}")
     assert good == len(options.only)
 
 

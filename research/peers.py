@@ -276,8 +276,8 @@ def main() -> None:
         if k < len(judged):
             continue
         judged.append({"hidden": hidden, "answers": judge(hidden, made, 40 if a.small else MOST_ROWS)})
-        said = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in judged[-1]["answers"].items())
-        print(f"# {hidden or 'clean'}: {said}", flush=True)
+        reported = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in judged[-1]["answers"].items())
+        print(f"# {hidden or 'clean'}: {reported}", flush=True)
         if a.json:
             a.json.write_text(json.dumps(judged))
     print(

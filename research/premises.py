@@ -150,7 +150,7 @@ PREMISES: dict[str, tuple[Callable[[str], str], tuple[int, ...], bool, bool]] = 
 }  # fmt: skip
 
 
-def said(*arguments: object) -> tuple[int, str]:
+def reported(*arguments: object) -> tuple[int, str]:
     """Exit code and all that a verb says."""
     from coaxlink.cli import main
 
@@ -165,16 +165,36 @@ def said(*arguments: object) -> tuple[int, str]:
 
 def verbs(log: Path, frame: Path, sent: list[tuple[float, Any]]) -> Iterator[tuple[str, int, str]]:
     """Each verb, its exit code, and its line that counts."""
-    told = frame.with_suffix(".json")
+    determined = frame.with_suffix(".json")
     for name, *arguments in (
-        ("health", log, "--airframe", frame, "--json", told),
-        ("refine", log, "--airframe", frame, "--json", told),
-        ("identify", log, "--airframe", frame, "--rotor", EXAMPLES / "rotor_paper.toml", "--json", told),
-        ("monitor", "--replay", log, "--airframe", frame, "--start", SECONDS - 1, "--once", "--json", told),
+        ("health", log, "--airframe", frame, "--json", determined),
+        ("refine", log, "--airframe", frame, "--json", determined),
+        (
+            "identify",
+            log,
+            "--airframe",
+            frame,
+            "--rotor",
+            EXAMPLES / "rotor_paper.toml",
+            "--json",
+            determined,
+        ),
+        (
+            "monitor",
+            "--replay",
+            log,
+            "--airframe",
+            frame,
+            "--start",
+            SECONDS - 1,
+            "--once",
+            "--json",
+            determined,
+        ),
     ):
-        told.unlink(missing_ok=True)
-        code, text = said(name, *arguments)
-        found = json.loads(told.read_text()) if told.is_file() else {}
+        determined.unlink(missing_ok=True)
+        code, text = reported(name, *arguments)
+        found = json.loads(determined.read_text()) if determined.is_file() else {}
         yield name, code, words(name, found, text)
     yield "mix", 0, alarm(frame, sent)
 
@@ -254,10 +274,10 @@ def answered(verb: str, log: Path, frame: Path) -> tuple[str, tuple[str, ...]]:
     with contextlib.suppress(InputError):
         if DAMAGED in read_flight_log(log).premises:
             return "cannot judge: damaged", (PREMISES[DAMAGED],)
-    told = frame.with_suffix(".json")
-    told.unlink(missing_ok=True)
-    code, text = said(verb, log, "--airframe", frame, "--json", told)
-    found = json.loads(told.read_text()) if told.is_file() else {}
+    determined = frame.with_suffix(".json")
+    determined.unlink(missing_ok=True)
+    code, text = reported(verb, log, "--airframe", frame, "--json", determined)
+    found = json.loads(determined.read_text()) if determined.is_file() else {}
     if not found:
         return f"refused ({code})", (text.strip().splitlines()[-1],)
     lacks = [r for key in ("cannot_judge", "not_this_vehicle", "suspect_data") for r in found.get(key) or ()]
@@ -331,9 +351,9 @@ def weighed(verb: str, log: Any, vehicle: Any) -> tuple[str, tuple[str, ...], An
             if not (reasons := flown_by(inputs, vehicle)):
                 update = coefficients_from_flights(inputs.logs, vehicle.declared, vehicle.rotors)
                 reasons, loads = update_hangs_on(update, inputs.logs, vehicle), update.loads
-            told = [{"column": s.column, "why": s.why} for s in inputs.suspects]
-            told += [{"why": note} for note in update.notes] if loads else []
-            found = as_json(reasons) | {"terms": {}, "suspect_data": told}
+            determined = [{"column": s.column, "why": s.why} for s in inputs.suspects]
+            determined += [{"why": note} for note in update.notes] if loads else []
+            found = as_json(reasons) | {"terms": {}, "suspect_data": determined}
     except InputError as error:
         return f"refused: {error}"[:120], (str(error),), None
     lacks = [r for key in ("cannot_judge", "not_this_vehicle", "suspect_data") for r in found.get(key) or ()]
@@ -399,8 +419,10 @@ def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path], first
             continue
         print(f"\r{n + 1}", end="", file=sys.stderr, flush=True)
         hurt = f"{column}, {what}" if way == "exchange" else what if way == "dead ESC" else column
-        told = told_of(damaged, vehicle) - told_of(log, vehicle)
-        if any(concerns(f"{c}: {why}", way, hurt) for c, why in told):  # every verb says it: no time for that
+        given = told_of(damaged, vehicle) - told_of(log, vehicle)
+        if any(
+            concerns(f"{c}: {why}", way, hurt) for c, why in given
+        ):  # every verb says it: no time for that
             found.update((way, verb, "with doubt") for verb in verbs)
             continue
         for verb in verbs:

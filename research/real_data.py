@@ -148,14 +148,14 @@ def _row(pair: str, spacing: float, load: Load, log: Samples, prior: PairPrior) 
     working = (ratio > RATIO[0]) & (ratio < RATIO[1]) & (np.maximum(u, v) > FAST * max(u.max(), v.max()))
     equal = working & (np.abs(ratio - 1) < 0.1)
     alone = prior.model.surface(Load(load % 2))(v if load.rotor else u)  # the upper rotor is undisturbed
-    measured, said = log[load.column], prior.model.loads(u, v)[load]
+    measured, reported = log[load.column], prior.model.loads(u, v)[load]
     spread = NORMAL_95 * prior.spread(load.key, u, v)
-    off, largest = measured - said, float(np.abs(measured[working]).max())
+    off, largest = measured - reported, float(np.abs(measured[working]).max())
     return Row(
         pair,
         spacing,
         load,
-        *(float(np.median(x[equal] / alone[equal])) for x in (measured, said, spread)),
+        *(float(np.median(x[equal] / alone[equal])) for x in (measured, reported, spread)),
         float(np.sqrt(np.mean(off[working] ** 2))) / largest,
         float(np.sqrt(np.mean((measured - alone)[working] ** 2))) / largest,
         float(np.mean(np.abs(off[working]) < spread[working])),

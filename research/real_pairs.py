@@ -282,13 +282,13 @@ def verdicts(log: Path, frame: Path, rotor: Path, folder: Path) -> Iterator[str]
     try:
         coaxlink("refine", log, "--airframe", frame, "--rotor", rotor, "--json", answer)
         found = json.loads(answer.read_text())
-        said = [
+        reported = [
             " ".join([e["name"], *(f"{p['value']:.0f}" for p in e["parameters"] if p["name"] == "rotor")])
             for e in found["effects"]
         ]
-        said += ["|".join(a["names"]) for a in found["ambiguous"]]
-        said += [f"unexplained {u['channel']}" for u in found["unexplained"]]
-        yield ", ".join(said) or "nothing"
+        reported += ["|".join(a["names"]) for a in found["ambiguous"]]
+        reported += [f"unexplained {u['channel']}" for u in found["unexplained"]]
+        yield ", ".join(reported) or "nothing"
     except RuntimeError as error:
         yield str(error)
     try:

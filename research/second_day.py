@@ -79,7 +79,7 @@ def spacing(path: Path) -> float:
     return float(f"{digits[1][0]}.{digits[1][1:] or 0}")
 
 
-def said(answer: Refinement) -> str:
+def reported(answer: Refinement) -> str:
     """In one cell."""
     out = [e.name for e in answer.effects]
     out += [" / ".join(a.names) for a in answer.ambiguous]
@@ -110,7 +110,7 @@ def main() -> int:
             print(f"{kind:8s} {what:52s} refused: {error.problem[:60]}", flush=True)
             named[f"{kind} refused"] += 1
             continue
-        print(f"{kind:8s} {what:52s} {said(answer)}  {time.process_time() - begun:.1f} s", flush=True)
+        print(f"{kind:8s} {what:52s} {reported(answer)}  {time.process_time() - begun:.1f} s", flush=True)
         named[f"{kind} asked"] += 1
         named[f"{kind} named"] += bool(answer.effects or answer.ambiguous)
         named[f"{kind} unexplained"] += bool(answer.unexplained)

@@ -26,7 +26,7 @@ from coaxlink.fly.split_plan import DWELL_S, SETTLE_S, SplitPlan
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests" / "helpers"))
-from split_world import World, hover  # noqa: E402
+from split_world import Simulation, hover  # noqa: E402
 
 MINUTES, LEVELS = 12.0, 7
 
@@ -95,7 +95,7 @@ def main() -> None:
     parser.add_argument("--small", action="store_true")
     given = parser.parse_args()
     if given.small:
-        world = World(lower_efficiency=0.8, wake=0.3)
+        world = Simulation(lower_efficiency=0.8, wake=0.3)
         for off in (0.0, 0.06):
             print("made:", flights(world, world.least(0.3, 0.8) + off, 20, given.reach))
         return

@@ -49,10 +49,10 @@ sys.path.insert(0, str(HERE.parent / "tests" / "helpers"))
 from live_flight import Flight  # noqa: E402
 from memory_net import plugged  # noqa: E402
 
+from sim.simulation import Simulation as SimWorld  # noqa: E402
+from sim.simulation import build_plant  # noqa: E402
 from sim.truth import Truth  # noqa: E402
 from sim.vehicle import LOWER  # noqa: E402
-from sim.world import World as SimWorld  # noqa: E402
-from sim.world import build_plant  # noqa: E402
 
 MAPS = ["mn4014_16in_zD055", "propdrive_11in_zD07", "u5_16in_zD03"]  # one of each motor
 MINUTES = 6.0  # of each of two flights
@@ -145,7 +145,7 @@ class Copter(Watched):
 WAYS = {"px4": Watched, "module": Module, "ardupilot": Copter}
 
 
-class World:
+class Simulation:
     """Watts of the pack over the upper rotors' share of the weight: the world's own tables, and what warm
     windings take beside them."""
 
@@ -197,7 +197,7 @@ class Found:
     saving: float = math.nan  # there
     share: float = math.nan  # the answer's level, as the plant had it
     off: float = math.nan  # the answer's share by the rotor model, from it
-    said: float = math.nan  # saving
+    reported: float = math.nan  # saving
     holds: tuple[bool, bool] = (False, False)  # the intervals of share and saving
     real: float = math.nan  # saving of the level that was found
     beyond: float = math.nan  # saving of the map's own best, whatever was flown
@@ -208,7 +208,7 @@ class Found:
 
 
 def flown(
-    way: str, map_file: Path, frame: Path, folder: Path, seed: int, told: str, *more: Any
+    way: str, map_file: Path, frame: Path, folder: Path, seed: int, determined: str, *more: Any
 ) -> dict[str, Any]:
     """One flight of the verb in a world of which `told` is true; its log lies in `folder` as the card has it.
 
@@ -216,7 +216,7 @@ def flown(
     """
     folder.mkdir(parents=True)
     truth = folder / "truth.toml"
-    truth.write_text(told)
+    truth.write_text(determined)
     flight = WAYS[way](load_vehicle(frame), seed, airframe=frame, rotor=map_file, truth=truth, seed=seed)
     words: list[Any] = ["fly", "--plan", "split", "--connect", flight.url(), "--airframe", frame, *more]
     words += ["--battery", 0.1, "--no-log", "--yes", "--out", folder, "--json", folder / "fly.json"]
@@ -238,7 +238,7 @@ def flown(
     return found
 
 
-def judged(found: Found, answer: dict[str, Any], levels: Any, world: World) -> None:
+def judged(found: Found, answer: dict[str, Any], levels: Any, world: Simulation) -> None:
     """The answer beside what is true."""
     asked, true = levels.T
     plant = np.polynomial.Polynomial.fit(asked, true, 2)  # the share by the model to the plant's
@@ -250,7 +250,7 @@ def judged(found: Found, answer: dict[str, Any], levels: Any, world: World) -> N
     found.saving = float(1.0 - world.watts(found.best) / board)
     found.real = float(1.0 - world.watts(found.share) / board)
     found.beyond = float(1.0 - world.drawn.min() / board)
-    found.said, found.edge = answer["saving"], answer["at_edge"]
+    found.reported, found.edge = answer["saving"], answer["at_edge"]
     share_ci, saving_ci = ([float(v) for v in answer[key]] for key in ("share_ci", "saving_ci"))
     found.holds = (
         bool(plant(share_ci[0]) - 2e-3 <= found.best <= plant(share_ci[1]) + 2e-3),
@@ -258,27 +258,27 @@ def judged(found: Found, answer: dict[str, Any], levels: Any, world: World) -> N
     )
 
 
-def of_escs(said: dict[str, Any]) -> str:
+def of_escs(reported: dict[str, Any]) -> str:
     """Their amps over the battery monitor's, and the split by them alone."""
-    if "ratio" not in said:
-        return str(said["why"])
-    alone = said["by_escs"] or {}
+    if "ratio" not in reported:
+        return str(reported["why"])
+    alone = reported["by_escs"] or {}
     share, saving = (alone.get(key, math.nan) for key in ("share", "saving"))
-    return f"{said['ratio']:.3f} of the monitor's; by them alone {share:.3f} saves {100 * saving:.2f} %"
+    return f"{reported['ratio']:.3f} of the monitor's; by them alone {share:.3f} saves {100 * saving:.2f} %"
 
 
 def logs(folder: Path, frame: Path) -> dict[str, str]:
     """What refine, health and identify say of the logs of a flight."""
-    said = {}
+    reported = {}
     for path in [*sorted(folder.glob("card.*")), folder / "flight.tlog"]:
         kind, answer = path.suffix[1:], folder / "answer.json"
-        said[kind] = " / ".join(verdicts(path, frame, frame.parent / "rotor.toml", folder))
+        reported[kind] = " / ".join(verdicts(path, frame, frame.parent / "rotor.toml", folder))
         answer.unlink(missing_ok=True)
         code, _, err = run(
             "identify", path, "--airframe", frame, "--rotor", frame.parent / "rotor.toml", "--json", answer
         )
-        said[kind] += f" / identify {code}" + (f": {err.strip()[-200:]}" if code else "")
-    return said
+        reported[kind] += f" / identify {code}" + (f": {err.strip()[-200:]}" if code else "")
+    return reported
 
 
 def flat_map(path: Path, out: Path) -> Path:
@@ -305,7 +305,9 @@ def flat_map(path: Path, out: Path) -> Path:
     return out
 
 
-def walk(path: Path, folder: Path, way: str, seed: int, told: str, options: list[Any], once: bool) -> Found:
+def walk(
+    path: Path, folder: Path, way: str, seed: int, determined: str, options: list[Any], once: bool
+) -> Found:
     """Two flights of one map by one way, or with `once` one."""
     found = Found(f"{path.stem} {way} {seed}")
     rotor, frame = folder / "rotor.toml", folder / "x8.toml"
@@ -317,15 +319,15 @@ def walk(path: Path, folder: Path, way: str, seed: int, told: str, options: list
         frame.write_text(text)
     try:
         first, second = folder / f"{way}_{seed}_1", folder / f"{way}_{seed}_2"
-        first_flown = last = flown(way, path, frame, first, 2 * seed, told, *options)
+        first_flown = last = flown(way, path, frame, first, 2 * seed, determined, *options)
         if not once:
             again = (*options, "--after", first / "fly.json")
-            last = flown(way, path, frame, second, 2 * seed + 1, told, *again)
+            last = flown(way, path, frame, second, 2 * seed + 1, determined, *again)
         levels, answer = first_flown["true_share"] + last["true_share"], last["split"]
         if "share" not in answer:
             raise RuntimeError(answer["why"])
         found.escs = of_escs(answer["escs"])
-        judged(found, answer, np.array(levels), World(path, frame, first / "truth.toml"))
+        judged(found, answer, np.array(levels), Simulation(path, frame, first / "truth.toml"))
         found.logs = {} if once else logs(second, frame)
     except RuntimeError as error:
         found.problem = str(error)
@@ -341,12 +343,12 @@ def show(f: Found) -> None:
     print(
         f"{f.name}: on board {f.on_board:.3f}, best {f.best:.3f} saves {100 * f.saving:.2f} % (whole map "
         f"{100 * f.beyond:.2f}); found {f.share:.3f} (by the rotor model {f.off:+.3f}), "
-        f"said {100 * f.said:.2f}, really {100 * f.real:.2f} %; intervals: share {share}, saving {saving}"
+        f"said {100 * f.reported:.2f}, really {100 * f.real:.2f} %; intervals: share {share}, saving {saving}"
         f"{'; at the edge' if f.edge else ''}; ESCs' amps: {f.escs}",
         flush=True,
     )
-    for kind, said in f.logs.items():
-        print(f"    {kind}: {said}", flush=True)
+    for kind, reported in f.logs.items():
+        print(f"    {kind}: {reported}", flush=True)
 
 
 def main() -> int:
@@ -374,7 +376,7 @@ def main() -> int:
         if given.small:
             paths, minutes, ways = [made_map(place / "made_zD07.csv")], 4.2, ["px4"]
         options = ["--minutes", minutes, "--split-reach", given.reach]
-        told = TRUTH + (FELT.format(given.felt) if given.felt else "")
+        determined = TRUTH + (FELT.format(given.felt) if given.felt else "")
         if given.flat:
             paths = [flat_map(path, place / f"{path.stem}_flat.csv") for path in paths]
         sound = True
@@ -383,7 +385,7 @@ def main() -> int:
             folder.mkdir()
             for way in ways:
                 for seed in range(given.seeds):
-                    found = walk(path, folder, way, seed, told, options, given.small)
+                    found = walk(path, folder, way, seed, determined, options, given.small)
                     sound = sound and not found.problem and all(found.holds)
                     show(found)
     return int(given.small and not sound)

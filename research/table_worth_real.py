@@ -225,9 +225,9 @@ def fly(
     starts = {name: t for t, name in reversed(list(zip(track.time_s, track.segment, strict=True)))}
     late = float(np.diff(track.time_s).max())
     if mixing:
-        said = mixing.summary()
-        board_s = {k: said["board"][k] for k in ("taken", "stale", "handed_back")}
-        status += f"; {said['cycles']} answers, {board_s}"
+        reported = mixing.summary()
+        board_s = {k: reported["board"][k] for k in ("taken", "stale", "handed_back")}
+        status += f"; {reported['cycles']} answers, {board_s}"
     return figures(own_rows, heard, starts), late, f"{status}; set-points at most {late:.2f} s apart"
 
 

@@ -77,12 +77,12 @@ def _asked(log: Log) -> Answer:
     model = load_rotor_model(rotor) if rotor else None
     start = time.process_time()  # wall time would count who else uses the machine
     if airframe is None:
-        said = refine_stand(read_stand_log(path), model)
+        reported = refine_stand(read_stand_log(path), model)
     else:
         assert model is not None
-        said = refine(read_flight_log(path), load_airframe(airframe), model)
+        reported = refine(read_flight_log(path), load_airframe(airframe), model)
     seconds = time.process_time() - start
-    out = dict(said.to_json())
+    out = dict(reported.to_json())
     out.pop("trace", None)
     return {**out, "seconds": seconds}
 
@@ -112,11 +112,11 @@ def scored(logs: Sequence[Log], answer: Callable[[Log], Answer]) -> list[Score]:
 def row(s: Score) -> str:
     """Of the list."""
     verdict = "ok" if s.right == 1 else "half" if s.right else "WRONG"
-    nats = s.log.truth.get("llr_null")
+    log_evidence = s.log.truth.get("llr_null")
     hidden = "+".join(s.log.truth["effects"]) or "-"
     form = s.log.truth.get("form") or s.log.truth.get("forms") or ""
-    head = f"{s.log.author:15s} {s.log.case:24.24s} {s.log.sort:9s} {hidden} [{form}] {nats or ''}"
-    return f"{head} -> {s.said} {verdict} {s.seconds:.1f}s"
+    head = f"{s.log.author:15s} {s.log.case:24.24s} {s.log.sort:9s} {hidden} [{form}] {log_evidence or ''}"
+    return f"{head} -> {s.reported} {verdict} {s.seconds:.1f}s"
 
 
 def main() -> None:
@@ -159,7 +159,7 @@ def main() -> None:
         others = scored(logs, partial(answered, a.folder, a.against))
         for one, other in zip(scores, others, strict=True):
             if (one.right, one.wrong) != (other.right, other.wrong):
-                print(f"{row(one)}\n{'':26s}{a.against}: {other.said} ({other.right:g})")
+                print(f"{row(one)}\n{'':26s}{a.against}: {other.reported} ({other.right:g})")
         print(table(others))
     if a.train:
         answers = [ask(log) for log in logs]
@@ -168,12 +168,12 @@ def main() -> None:
         else:
             decision.train(logs, answers, a.train, a.picture, a.models)
     elif a.picture:
-        decision.told(logs, [ask(log) for log in logs], a.picture)
+        decision.determined(logs, [ask(log) for log in logs], a.picture)
     if a.rows and not a.train:
         print("\n".join(row(s) for s in scores))
     print(table(scores))
     if a.small:
-        assert len(scores) == 2 and all(s.right == 1.0 for s in scores), [s.said for s in scores]
+        assert len(scores) == 2 and all(s.right == 1.0 for s in scores), [s.reported for s in scores]
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ class SimError(Exception):
         super().__init__(plain(text))
 
 
-class WorldError(SimError):
+class SimulationError(SimError):
     """A file or option that cannot be used: `source`, `where` in it, `problem`."""
 
     def __init__(self, source: str | Path, where: str, problem: str) -> None:

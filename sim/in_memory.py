@@ -16,7 +16,7 @@ from collections import deque
 
 from sim.line.links import Peer, Port
 from sim.px4.autopilot import RATE_HZ
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 TICK_S = 1.0 / RATE_HZ
 
@@ -61,11 +61,11 @@ class InMemory:
     wait for answers that cannot come between two calls.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, sim_of: Simulation) -> None:
         self._port = MemoryPort()
         self._start_s: float | None = None
         self._ticks = 0
-        self.standin = build(world, [self._port], clock=self.now)
+        self.standin = build(sim_of, [self._port], clock=self.now)
         self.autopilot = self.standin.autopilot
 
     def now(self) -> float:

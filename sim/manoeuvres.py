@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.documents import read_document, read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.px4.cascade import Goal
 
 KEYS = ("north_m", "east_m", "height_m", "yaw_deg")
@@ -62,10 +62,10 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
     refuse_unknown(path, "", document, ("height_m", "pieces", "kind", "separates"))
     tables = document.get("pieces")
     if not isinstance(tables, list) or not tables:
-        raise WorldError(path, "pieces", "an array of tables [[pieces]] is expected")
+        raise SimulationError(path, "pieces", "an array of tables [[pieces]] is expected")
     height = read_number(path, "height_m", document.get("height_m", 3.0))
     if not 0.3 <= height <= LIMITS["height_m"]:
-        raise WorldError(path, "height_m", f"0.3 to 100 is expected, found {height:g}")
+        raise SimulationError(path, "height_m", f"0.3 to 100 is expected, found {height:g}")
     start: Four = (0.0, 0.0, height, 0.0)
     pieces: list[PlanPiece] = []
     at = 0.0
@@ -75,7 +75,7 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
         at += piece.seconds
         start = piece.first if piece.cycles else piece.last
     if at > LONGEST_S:
-        raise WorldError(path, "pieces", f"no more than {LONGEST_S:g} s are flown")
+        raise SimulationError(path, "pieces", f"no more than {LONGEST_S:g} s are flown")
 
     def follow(t: float) -> Goal:
         now = next((p for p in pieces if t < p.start_s + p.seconds), pieces[-1])
@@ -86,19 +86,23 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
 
 def _piece(path: Path, where: str, table: Any, start: Four, at: float) -> PlanPiece:
     if not isinstance(table, dict):
-        raise WorldError(path, where, "a table is expected")
+        raise SimulationError(path, where, "a table is expected")
     refuse_unknown(path, where, table, ("seconds", "cycles", *KEYS, "what"))
     seconds = read_number(path, f"{where}.seconds", table.get("seconds"))
     cycles = table.get("cycles", 0)
     if seconds < 0.5:
-        raise WorldError(path, f"{where}.seconds", f"half a second or more is expected, found {seconds:g}")
+        raise SimulationError(
+            path, f"{where}.seconds", f"half a second or more is expected, found {seconds:g}"
+        )
     if not isinstance(cycles, int) or isinstance(cycles, bool) or not 0 <= cycles <= 2 * seconds:
-        raise WorldError(path, f"{where}.cycles", f"a whole number, at most two a second, found {cycles!r}")
+        raise SimulationError(
+            path, f"{where}.cycles", f"a whole number, at most two a second, found {cycles!r}"
+        )
     last = list(start)
     for k, key in enumerate(KEYS):
         if key in table:
             value = read_number(path, f"{where}.{key}", table[key])
             if abs(value) > LIMITS[key] or (key == "height_m" and value < 0.3):
-                raise WorldError(path, f"{where}.{key}", f"out of reach: {value:g}")
+                raise SimulationError(path, f"{where}.{key}", f"out of reach: {value:g}")
             last[k] = math.radians(value) if key == "yaw_deg" else value
     return PlanPiece(at, seconds, start, (last[0], last[1], last[2], last[3]), cycles)

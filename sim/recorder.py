@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as m
 
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.flight_log import columns
 from sim.flights import LOG_EVERY, row, write_flight
 from sim.line.links import Peer, Port
@@ -55,7 +55,7 @@ class TlogPort(Port):
         try:
             self._file = path.open("wb")
         except OSError as error:
-            raise WorldError(path, "", f"cannot be written ({error.strerror})") from error
+            raise SimulationError(path, "", f"cannot be written ({error.strerror})") from error
         self.peers = [Peer(self, ("", 0), 1)]  # type: ignore[arg-type]
         self.peers[0].faulty = False  # the wire's faults are not the log's
         self._requested_boot = -1

@@ -96,7 +96,7 @@ class Standin:
             self._everyone(self._manners.builders[0](self.autopilot))
 
     def tick(self) -> None:
-        """4 ms of the vehicle's time, with everything said and heard in it."""
+        """4 ms of the vehicle's time, with everything reported and heard in it."""
         self.hear()
         self.autopilot.step()
         if self._system != self.autopilot.system:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sim.documents import read_document, read_number, refuse_unknown
 from sim.effects import FORMS, HiddenEffect
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.wind import GUSTS, W_LAW, W_ON, W_SIZE, blow, rise
 
 if TYPE_CHECKING:
@@ -79,19 +79,19 @@ def read_truth(path: Path) -> Truth:
     refuse_unknown(path, "", document, ("effects", "stand"))
     tables = document.get("effects", [])
     if not isinstance(tables, list):
-        raise WorldError(path, "effects", "an array of tables [[effects]] is expected")
+        raise SimulationError(path, "effects", "an array of tables [[effects]] is expected")
     for number, table in enumerate(tables, 1):
         where = f"effects[{number}]"
         form = FORMS.get(str(table.get("name"))) if isinstance(table, dict) else None
         if form is None:
-            raise WorldError(path, f"{where}.name", f"one of {', '.join(FORMS)} is expected")
+            raise SimulationError(path, f"{where}.name", f"one of {', '.join(FORMS)} is expected")
         refuse_unknown(path, where, table, ("name", "size", "onset_s", "law", *form.extra))
         extra = {key: read_number(path, f"{where}.{key}", table[key]) for key in table if key in form.extra}
         size = read_number(path, f"{where}.size", table.get("size"))
         onset = read_number(path, f"{where}.onset_s", table.get("onset_s", 0.0))
         law = table.get("law", "")
         if law and law not in form.laws:
-            raise WorldError(path, f"{where}.law", f"one of {', '.join(form.laws)} is expected")
+            raise SimulationError(path, f"{where}.law", f"one of {', '.join(form.laws)} is expected")
         effects.append(HiddenEffect(table["name"], size, onset, extra, law))
     return Truth(tuple(effects))
 

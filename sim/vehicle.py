@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from firmware_params.plain import name_problem
 from sim.documents import read_document, read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 
 UPPER, LOWER, SINGLE = 0, 1, 2
 LEVELS = {"upper": UPPER, "lower": LOWER, "single": SINGLE}
@@ -65,10 +65,10 @@ def read_vehicle(path: Path) -> SimVehicle:
     refuse_unknown(path, "", document, KEYS)
     tables = document.get("rotors")
     if not isinstance(tables, list) or not 3 <= len(tables) <= 16:
-        raise WorldError(path, "rotors", "3 to 16 [[rotors]] are expected")
+        raise SimulationError(path, "rotors", "3 to 16 [[rotors]] are expected")
     by_number = {t.get("number"): t for t in tables if isinstance(t, dict)}
     if set(by_number) != set(range(1, len(tables) + 1)):
-        raise WorldError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
+        raise SimulationError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
     for number, table in by_number.items():
         refuse_unknown(path, f"rotors[{number}]", table, ROTOR_KEYS)
     ordered = [by_number[n] for n in range(1, len(tables) + 1)]
@@ -76,13 +76,13 @@ def read_vehicle(path: Path) -> SimVehicle:
         [_vector(path, f"rotors[{t['number']}].axis", t.get("axis", [0, 0, -1])) for t in ordered]
     )
     if not np.all(np.linalg.norm(axis, axis=1) > 1e-6):
-        raise WorldError(path, "rotors.axis", "a direction is expected, found none of any length")
+        raise SimulationError(path, "rotors.axis", "a direction is expected, found none of any length")
     lag = read_number(path, "motor_lag_s", document.get("motor_lag_s", 0.0))
     rotor = document.get("rotor_model")
     mass = read_number(path, "mass_kg", document.get("mass_kg"))
     inertia = _vector(path, "inertia_kg_m2", document.get("inertia_kg_m2"))
     if min(inertia) <= 0:
-        raise WorldError(path, "inertia_kg_m2", "positive numbers are expected")
+        raise SimulationError(path, "inertia_kg_m2", "positive numbers are expected")
     refuse_body(path, mass, lag)
     return SimVehicle(
         _name(path, document.get("name", path.stem)),
@@ -106,25 +106,25 @@ def refuse_body(path: Path, mass_kg: float, lag_s: float) -> None:
     ):
         if not low <= value <= high:
             problem = f"{value:g}: {low:g} to {high:g} {what} are expected of a multirotor"
-            raise WorldError(path, name, problem)
+            raise SimulationError(path, name, problem)
 
 
 def _name(path: Path, value: object) -> str:
     if problem := name_problem(str(value)):
-        raise WorldError(path, "name", problem)
+        raise SimulationError(path, "name", problem)
     return str(value)
 
 
 def _vector(path: Path, where: str, value: object) -> list[float]:
     if not isinstance(value, list) or len(value) != 3:
-        raise WorldError(path, where, f"three numbers are expected, found {value!r}")
+        raise SimulationError(path, where, f"three numbers are expected, found {value!r}")
     return [read_number(path, where, v) for v in value]
 
 
 def _choice(path: Path, table: dict[str, Any], key: str, known: dict[str, Any]) -> Any:
     if table.get(key) not in known:
         where = f"rotors[{table['number']}].{key}"
-        raise WorldError(path, where, f"one of {', '.join(known)} is expected, found {table.get(key)!r}")
+        raise SimulationError(path, where, f"one of {', '.join(known)} is expected, found {table.get(key)!r}")
     return known[table[key]]
 
 
@@ -135,5 +135,5 @@ def _partner(path: Path, table: dict[str, Any], by_number: dict[Any, dict[str, A
     levels = {table["level"], other["level"]} if other else set()
     if not other or other.get("pair") != table["number"] or levels != {"upper", "lower"}:
         where = f"rotors[{table['number']}].pair"
-        raise WorldError(path, where, "a pair is an upper and a lower rotor that name each other")
+        raise SimulationError(path, where, "a pair is an upper and a lower rotor that name each other")
     return int(table["pair"]) - 1

@@ -134,8 +134,8 @@ def test_a_message_names_a_rotor_by_its_number_in_whatever_order_the_tables_stan
 def test_where_numbers_are_from_is_read_and_what_is_not_said_is_declared(tmp_path):
     rotors = [single(n, [x, y, 0.0]) for n, x, y in ((1, 1, 1), (2, 1, -1), (3, -1, -1), (4, -1, 1))]
     assert load_airframe(write(tmp_path, *rotors)).source_of("motor_lag_s") == "declared"
-    said = load_airframe(write(tmp_path, *rotors, head='[sources]\nmass_kg = "measured"\n'))
-    assert said.source_of("mass_kg") == "measured" and said.source_of("inertia_kg_m2") == "declared"
+    reported = load_airframe(write(tmp_path, *rotors, head='[sources]\nmass_kg = "measured"\n'))
+    assert reported.source_of("mass_kg") == "measured" and reported.source_of("inertia_kg_m2") == "declared"
     for head, says in (
         ('mass_kg = "guess"', r"sources\.mass_kg"),
         ('mass = "board"', r"sources\.mass: unknown; mass_kg"),

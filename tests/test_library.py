@@ -35,8 +35,8 @@ def test_every_name_is_there_and_says_what_it_is():
 
 def test_the_import_itself_is_light():
     code = "import sys, coaxlink; print([m for m in ('numpy', 'scipy', 'pymavlink') if m in sys.modules])"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "[]"
+    reported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert reported.stdout.strip() == "[]"
 
 
 @pytest.mark.slow
@@ -70,14 +70,14 @@ def test_a_table_a_law_and_an_allocation_show_themselves():
 def test_what_is_exchanged_or_no_number_is_told_in_words():
     vehicle = cx.load_vehicle(example("x8_paper.toml"))
     law = cx.make_law("reduced", vehicle)
-    for wrong, said in (
+    for wrong, reported in (
         (lambda: cx.Vehicle(vehicle.rotors, vehicle.declared), "in this order; found RotorModel"),
         (lambda: cx.allocate(law, vehicle, ["a", 0, 0, 0]), r"four finite numbers .* found \['a'"),
         (lambda: cx.allocate("exact", vehicle, [1, 0, 0, 0]), "a law is expected, as make_law makes it"),
         (lambda: cx.check_health(example("stand_eq17.csv"), vehicle), "a flight log is expected"),
         (lambda: cx.write_report([], "page.html"), "one log or two are expected, found 0"),
     ):
-        with pytest.raises(cx.InputError, match=said):
+        with pytest.raises(cx.InputError, match=reported):
             wrong()
 
 
@@ -104,11 +104,11 @@ def test_examples_of_docstrings():
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_examples_run_without_a_warning(script, tmp_path):
-    said = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, "-W", "error", str(script)], capture_output=True, text=True, cwd=tmp_path
     )
-    assert said.returncode == 0, said.stderr
-    assert said.stdout.strip() and not said.stderr
+    assert reported.returncode == 0, reported.stderr
+    assert reported.stdout.strip() and not reported.stderr
 
 
 @pytest.mark.parametrize(("firmware", "law"), [("px4", "reduced"), ("ardupilot", "standard")])

@@ -20,7 +20,7 @@ _WHAT = {
     ".ipynb": "Stand log to table and back, a notebook with pictures.",
     ".json": "JSON schema of {} files, for editors.",
 }
-_SAID_OF_ALL = "What is true of"  # the line that every truth begins with
+_REPORTED_OF_ALL = "What is true of"  # the line that every truth begins with
 
 
 def examples(
@@ -79,6 +79,6 @@ def _about(path: Path) -> str:
         return _WHAT.get(path.suffix, "").format(path.name.partition(".")[0])
     lines = list(takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines()))
     sentences = [line.removeprefix("#").strip() for line in lines]
-    sentences = sentences[1:] if sentences and sentences[0].startswith(_SAID_OF_ALL) else sentences
+    sentences = sentences[1:] if sentences and sentences[0].startswith(_REPORTED_OF_ALL) else sentences
     # a sentence ends where the next begins: "18.5 x 6.3 in" and "eq. 17" go on
     return re.split(r"(?<=\.) (?=[A-Z])", " ".join(sentences))[0]

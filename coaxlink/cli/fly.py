@@ -129,7 +129,7 @@ def fly(
             except (OverLimit, Crashed):
                 found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
                 raise
-            if flown.swing is not None and flown.swing > SAID:
+            if flown.swing is not None and flown.swing > REPORTED:
                 gain = f"{flown.swing:.1f} times"
                 say(
                     f"the first small swing went {gain} as far as asked: the others were flown {gain} smaller"
@@ -150,8 +150,8 @@ def fly(
         say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
 
 
-TOLD_S, TOLD = 5.0, 0.1  # a log that takes longer is told of, at each such share
-SAID = 1.1  # times as far as asked: less is no news
+SLOW_S, EACH_SHARE = 5.0, 0.1  # a log that takes longer is told of, at each such share
+REPORTED = 1.1  # times as far as asked: less is no news
 _PLACE = Path("flight")  # where flights lie, each in a folder of its time
 
 
@@ -264,15 +264,15 @@ def _in_the_air(pilot: Any, planned: FlightPlan, flown: Flown, split: Split | No
 
 
 def _bring_down(logs: Logs, out: Path, before: list[Any] | None) -> dict[str, Any]:
-    """The autopilot's log into `out`; without one, why not, said."""
+    """The autopilot's log into `out`; without one, why not, reported."""
     from coaxlink.errors import CheckFailed
 
-    began, told = time.monotonic(), [0.0]
+    began, shown = time.monotonic(), [0.0]
 
     def coming(share: float, size: int) -> None:
         status.update(f"log, {100 * share:.0f} % of {size / 1e6:.1f} MB")
-        if time.monotonic() - began > TOLD_S and share - told[0] >= TOLD:  # a short one is no news
-            told[0] = share
+        if time.monotonic() - began > SLOW_S and share - shown[0] >= EACH_SHARE:  # a short one is no news
+            shown[0] = share
             left = (time.monotonic() - began) * (1.0 - share) / share
             say(f"log: {100 * share:.0f} % of {size / 1e6:.1f} MB, {left:.0f} s to go")
 

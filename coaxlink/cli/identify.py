@@ -192,7 +192,7 @@ def _print(result: Identification, checks: LogChecks, every: bool) -> None:
     for table in tables(result):
         screen.print(table)
     for remark in remarks(result):
-        if remark not in result.warnings:  # said above
+        if remark not in result.warnings:  # reported above
             say(f"- {remark}")
 
 

@@ -38,7 +38,7 @@ def loop(
     """Fly, refine, re-table, fly again: the flight's allocation error before and after.
 
     In the simulator, on the demo's vehicle. What the flight's data do not demand is not put into the mixer;
-    then nothing changes, and that is said. How to do the same with an aircraft: docs/loop.md.
+    then nothing changes, and that is reported. How to do the same with an aircraft: docs/loop.md.
     """
     from coaxlink import files
     from coaxlink.report import loop as report

@@ -95,24 +95,24 @@ def _asker(frame: Airframe) -> Callable[[int, str], Seen]:
     def ask(number: int, where: str) -> Seen:
         seen = None
         while seen is None:
-            said = _answer(f"rotor {number} ({where}): which rotor turned? [{number}, 0 for none] ")
-            seen = _numbers(said or str(number), rotors)
+            reported = _answer(f"rotor {number} ({where}): which rotor turned? [{number}, 0 for none] ")
+            seen = _numbers(reported or str(number), rotors)
         if not seen:
             return Seen(())
         wanted = SPINS[rotors[seen[0]].yaw_sign]
         turn = "counter-clockwise" if wanted == "ccw" else "clockwise"
-        said = _answer(f"did rotor {seen[0]} turn {turn}, seen from above? [Y/n] ")
+        reported = _answer(f"did rotor {seen[0]} turn {turn}, seen from above? [Y/n] ")
         other = "cw" if wanted == "ccw" else "ccw"
-        return Seen(seen, other if said.lower().startswith("n") else wanted)
+        return Seen(seen, other if reported.lower().startswith("n") else wanted)
 
     return ask
 
 
-def _numbers(said: str, rotors: Container[int]) -> tuple[int, ...] | None:
+def _numbers(reported: str, rotors: Container[int]) -> tuple[int, ...] | None:
     """Numbers of rotors in an answer, () for none, None where it is no answer."""
-    parts = said.replace(",", " ").split()
+    parts = reported.replace(",", " ").split()
     if not all(part.isdecimal() and (int(part) in rotors or not int(part)) for part in parts):
-        say(f"numbers of rotors are expected, found '{said}'")
+        say(f"numbers of rotors are expected, found '{reported}'")
         return None
     return tuple(int(part) for part in parts if int(part))
 

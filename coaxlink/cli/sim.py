@@ -108,9 +108,9 @@ def sim(
         if stand is not None:
             _measure(stand, rotor, truth, seed, schedule)
             return
-        from sim.world import World, build, build_bridge, open_links
+        from sim.simulation import Simulation, build, build_bridge, open_links
 
-        world = World(
+        world = Simulation(
             airframe or files.example("x8_demo.toml"),
             rotor,
             firmware,
@@ -273,11 +273,11 @@ def _fly(run: Callable[[Callable[[], bool]], None], firmware: str, ports: Any) -
 @contextmanager
 def world_errors() -> Iterator[None]:
     """The world's errors as coaxlink's."""
-    from sim.errors import PortError, WorldError
+    from sim.errors import PortError, SimulationError
 
     try:
         yield
-    except WorldError as error:
+    except SimulationError as error:
         raise InputError(error.source, error.where, error.problem) from error
     except PortError as error:
         raise LinkError(error.address, error.problem) from error

@@ -67,7 +67,7 @@ def upload(
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
-    from coaxlink.cli.shared.rate_loops import kept_airframe, said_first
+    from coaxlink.cli.shared.rate_loops import kept_airframe, reported_first
     from coaxlink.uploading.outcome import REFUSED, VERIFIED, Outcome
     from coaxlink.uploading.plan import load_plan, refuse_values
     from coaxlink.uploading.worker import Uploader
@@ -85,7 +85,7 @@ def upload(
         connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
     ) as session:
         doubts: list[str] = []
-        present = said_first(source, plan, doubts, spin_from_table=spin_from_table)
+        present = reported_first(source, plan, doubts, spin_from_table=spin_from_table)
         talk = replace(conversation(yes or dry_run, doubts), present=present)
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.upload(

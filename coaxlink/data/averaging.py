@@ -12,7 +12,7 @@ from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
 from coaxlink.data.tare import at_rest
 
-MOST_ROWS = 5_000  # rows: more only repeat what the stand has said
+MOST_ROWS = 5_000  # rows: more only repeat what the stand has reported
 STEADY = 0.02  # of the fastest speed: spread within which rows show one condition
 DRIFT = 0.75 * STEADY  # of the fastest speed, from end to end of a stretch: a ramp fills all of STEADY
 TELLING = 3  # rows: fewer tell no drift

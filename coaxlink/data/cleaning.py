@@ -77,7 +77,7 @@ def own_sign(samples: Samples, load: str, effort: str) -> float:
 
 
 def without_repeats(samples: Samples) -> Samples:
-    """Without rows that say again all that the row before said, its stamp too: a logger that hung."""
+    """Without rows that say again all that the row before reported, its stamp too: a logger that hung."""
     if samples.rows < 2 or not samples.has("time_s"):
         return samples
     again = np.zeros(samples.rows, bool)

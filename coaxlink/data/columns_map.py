@@ -56,12 +56,12 @@ def map_columns(table: TextTable, path: Path, poles: int | None = None) -> Mappe
         if heading not in table.headings:
             raise InputError(table.source, f"column {heading!r}", f"missing ({path} maps it to {name})")
         index = table.headings.index(heading)
-        scale, offset, said = _conversion(table, path, name, entry, index, poles)
+        scale, offset, reported = _conversion(table, path, name, entry, index, poles)
         columns[name] = scale * table.numbers(index) + offset
         used.add(index)
         if entry.unit is not None or entry.scale is not None:
             stated.add(name)
-        notes.append(f"{name} = {said}")
+        notes.append(f"{name} = {reported}")
     return Mapped(columns, frozenset(used), frozenset(stated), tuple(notes))
 
 

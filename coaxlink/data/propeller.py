@@ -46,7 +46,7 @@ class Reading:
     thrust_N: float | None
     torque_Nm: float | None
     rpm: float | None
-    power_W: float | None = None  # electrical, or said of neither kind
+    power_W: float | None = None  # electrical, or reported of neither kind
     shaft_W: float | None = None
     in_wake: bool = False  # the other rotor turns as well
 

@@ -135,8 +135,8 @@ def _take_sums(table: TextTable, out: FoundColumns, sums: list[Heading]) -> None
         elif len(own) == 1 and q == "thrust" and len(out.rotors) == 2:
             other = 1 - out.rotors.index(own[0])
             _give(out, other, heading, total - own[0].columns[q])
-            said = out.rotors[other].label or "the other"
-            out.notes.append(f"thrust of {said} is '{heading.text}' less '{own[0].headings[q].text}'")
+            reported = out.rotors[other].label or "the other"
+            out.notes.append(f"thrust of {reported} is '{heading.text}' less '{own[0].headings[q].text}'")
         elif not own:
             out.shared.setdefault(f"{PAIR}_{heading.suffix}", total)
             out.notes.append(f"'{heading.text}' is taken for both rotors together")

@@ -50,7 +50,7 @@ class Samples:
     texts: tuple[tuple[float, int | None, str], ...] = ()
     provenance: tuple[
         str, ...
-    ] = ()  # of the file, to be said with every answer: its stretches, other vehicles
+    ] = ()  # of the file, to be reported with every answer: its stretches, other vehicles
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(column) for name, column in self.columns.items()}
@@ -159,6 +159,6 @@ class Samples:
         return replace(self, notes=self.notes + notes)
 
     def on_premises(self, *premises: str) -> Samples:
-        """A copy that rests on these as well (keys of PREMISES), each said once in the notes."""
+        """A copy that rests on these as well (keys of PREMISES), each reported once in the notes."""
         new = tuple(p for p in dict.fromkeys(premises) if p not in self.premises)
         return replace(self, premises=self.premises + new).with_notes(*(PREMISES[p] for p in new))

@@ -43,7 +43,7 @@ def with_sides(
     """
     sides, notes = _decided(samples, rotors, upper)
     found = cleaned(_placed(samples, sides))
-    found = replace(found, notes=(*notes, *found.notes))  # which rotor is which is said first
+    found = replace(found, notes=(*notes, *found.notes))  # which rotor is which is reported first
     return replace(found, upper_label=_called(sides["upper"]) if len(sides) == 2 and notes else ""), sides
 
 

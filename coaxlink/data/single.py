@@ -53,7 +53,7 @@ class Origin:
 
 # Stands: runs of one rotor on the platform of Buzzatto and Liarokapis differ by 1 to 3 % in thrust and 1 to
 # 10 % in torque. Brandt and Selig 2011 repeat within 2 %. Makers print no uncertainty and APC's figures are
-# computed: their shares are ours, and said to be.
+# computed: their shares are ours, and reported to be.
 STAND = Origin("stand", "measured on a stand", 0.02, 0.05)
 UIUC = Origin("uiuc", "measured at UIUC", 0.02, 0.03)
 MAKER = Origin("maker", "a maker's sheet", 0.05, 0.07)

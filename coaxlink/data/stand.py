@@ -137,7 +137,7 @@ def _ours_in_other_units(
 def _context(
     table: TextTable, used: set[int], notes: list[str], mapped: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Further numeric columns under their own headings; what cannot matter is left out, and said.
+    """Further numeric columns under their own headings; what cannot matter is left out, and reported.
 
     Beside a map nothing is taken that it does not name.
     """
@@ -148,7 +148,7 @@ def _context(
         meant = not (mapped or is_derived(text) or _counts(text))
         values = table.numbers_or_none(i) if meant else None
         if meant and _OWN_STYLE.fullmatch(text) and table.is_numbers(i):
-            columns[text] = table.numbers(i)  # written by our hand: what is wrong in it must be said
+            columns[text] = table.numbers(i)  # written by our hand: what is wrong in it must be reported
         elif values is None or not np.any(values):
             left.append(text)
         else:

@@ -52,8 +52,10 @@ def questions(
             share = _followed(samples, name)
             if share is not None and share < FOLLOWS:
                 value = float(np.median(samples[name]))
-                said = f"it reads about {value:.3g} whatever the speed; {100 * share:.0f} % of it goes with"
-                yield Question(name, f"is the cell dead, or another's? {said} the speeds squared")
+                reported = (
+                    f"it reads about {value:.3g} whatever the speed; {100 * share:.0f} % of it goes with"
+                )
+                yield Question(name, f"is the cell dead, or another's? {reported} the speeds squared")
     for factor, why in COUNTED.items():
         for sides in (tuple(found), *((s,) for s in found if len(found) > 1)):
             names = [f"{s}_rpm" for s in sides]
@@ -61,7 +63,7 @@ def questions(
                 continue
             if possible(_times(found, sides, "speed", factor), diameter_m):
                 whose = f"{sides[0]} rotor's speed" if len(sides) < len(found) else "speed"
-                known = factor != 2.0 / USUAL_POLES  # how many magnets, nobody said
+                known = factor != 2.0 / USUAL_POLES  # how many magnets, nobody reported
                 yield Question(
                     names[0], f"is the {whose} {why}?", dict.fromkeys(names, factor) if known else {}
                 )

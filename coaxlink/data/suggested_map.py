@@ -49,13 +49,13 @@ def suggested_map(table: TextTable, upper: str = "", scales: Mapping[str, float]
             lines[name] = line_for(name, text, unit.name if unit else unit_names(quantity)[0])
     if not any(name.startswith(SIDES) for name in lines):
         return ""
-    said = []
+    reported = []
     if len(order) > 1 and not upper and not set(order) <= set(SIDES):
         first = order[0].upper() or "the unnamed one"
-        said.append(f"# {first} is taken for the upper rotor: exchange upper_ and lower_ if it is not")
+        reported.append(f"# {first} is taken for the upper rotor: exchange upper_ and lower_ if it is not")
     if unsure:
-        said.append(f"# no unit stands in the file: make sure of {', '.join(unsure)}")
-    return "\n".join([*said, *lines.values()])
+        reported.append(f"# no unit stands in the file: make sure of {', '.join(unsure)}")
+    return "\n".join([*reported, *lines.values()])
 
 
 def _meanings(table: TextTable) -> Iterator[tuple[int, str, str, Unit | None]]:

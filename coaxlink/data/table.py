@@ -244,20 +244,20 @@ class _Body:
             Column(np.concatenate([p[i] for p in self._pieces]), self._odd.get(i), not self._filled[i])
             for i in range(self.width)
         )
-        said = [*layout.notes, *notes, *torn]
+        reported = [*layout.notes, *notes, *torn]
         if self._repeated:
-            said.append(f"headings repeated on {self._repeated} further lines, passed over")
+            reported.append(f"headings repeated on {self._repeated} further lines, passed over")
         if self._short:
             rows, least = sum(map(len, self._short.values())), min(self._short)
             missing = ", ".join(layout.headings[least:])
-            said.append(f"{rows} rows end before the heading does; empty there: {missing}")
+            reported.append(f"{rows} rows end before the heading does; empty there: {missing}")
         if self._comments:
-            said.append(f"{self._comments} lines of comment passed over")
+            reported.append(f"{self._comments} lines of comment passed over")
         if layout.decimal_comma:
-            said.append("numbers with a decimal comma")
+            reported.append("numbers with a decimal comma")
         return TextTable(
             self.path, layout.headings, layout.units, layout.heading_line, columns,
-            np.concatenate(self._lines), tuple(said),
+            np.concatenate(self._lines), tuple(reported),
         )  # fmt: skip
 
     def _without_torn_end(self) -> list[str]:

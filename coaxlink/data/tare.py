@@ -51,12 +51,12 @@ def without_tares(samples: Samples) -> Samples:
             off[name] = tare, noise, len(read)
     if not off:
         return samples
-    said = (
+    reported = (
         f"{name} {tare:.3g} in {rows} rows at rest, noise {noise:.2g}"
         for name, (tare, noise, rows) in off.items()
     )
     less = {name: samples[name] - tare for name, (tare, _, _) in off.items()}
-    return samples.with_columns(**less).with_notes(f"{TAKEN}: {'; '.join(said)}")
+    return samples.with_columns(**less).with_notes(f"{TAKEN}: {'; '.join(reported)}")
 
 
 def _stopped(rest: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from coaxlink.rotor import RotorModel
 Array = NDArray[np.float64]
 Part = Callable[[Sequence[float]], Array]  # normalised speeds (N,) -> wrench (4,) that the effect adds
 SpeedPart = Callable[[], float | None]  # speed per command now; None: not known
-MOST_OF_THRUST = 0.3  # that one effect may be said to add: beyond, telemetry or a number is wrong
+MOST_OF_THRUST = 0.3  # that one effect may be reported to add: beyond, telemetry or a number is wrong
 
 
 class LiveView(Protocol):

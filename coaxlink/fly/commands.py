@@ -274,8 +274,8 @@ class Commander:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
         arming = command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-        said = [self._texts_since(asked_s), self.reasons() if arming else ""]
-        words = f"; it says: {', '.join(filter(None, said))}" if any(said) else ""
+        reported = [self._texts_since(asked_s), self.reasons() if arming else ""]
+        words = f"; it says: {', '.join(filter(None, reported))}" if any(reported) else ""
         known = mavlink.enums["MAV_RESULT"].get(result)
         raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
 

@@ -59,13 +59,13 @@ class TablesAnswer:
         """The answer in one line."""
         first, second = self.shares
         low, high = (100 * v for v in self.saving_ci)
-        said = (
+        reported = (
             f"{second:.3f} of the thrust from above takes {100 * self.saving:.1f} % less than {first:.3f} "
             f"({low:.1f} to {high:.1f})"
         )
         if not self.worth_it:
-            return f"no difference that {sum(self.flights)} flights show: {said}"
-        return said
+            return f"no difference that {sum(self.flights)} flights show: {reported}"
+        return reported
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""

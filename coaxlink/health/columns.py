@@ -32,7 +32,7 @@ from coaxlink.health.priors import (
     TILT_ARM_M,
     TORQUE_TODAY,
 )
-from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, reduce_columns
+from coaxlink.residual.channels.flight import EDGE_S, JUDGED_RATE_HZ, reduce_columns
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 
@@ -44,7 +44,6 @@ TRIM = 0.002  # of the reference torques: what no linear model of a vehicle's tr
 LEVEL_TODAY = 0.02  # of upper against lower rotors: voltage acts on both
 VOLTAGE_SLOPE = 0.10  # of lift for a tenth of the voltage, less what LIFT_TODAY has
 EVENT = 6.0  # robust standard deviations: one normal row in 5e8
-EVENT_S = 0.4  # so far the low-pass of the rows feels one
 MOST_EVENTS = 0.1  # of the rows
 FINEST = 1e-6  # of the reference load: noise of a flight that has none
 SMALL = 1e-3  # of a speed, for a derivative
@@ -214,7 +213,7 @@ def passing_events(rest: Array, time_s: Array) -> NDArray[np.bool_]:
     """
     usual = SIGMA_PER_MAD * np.median(np.abs(rest), axis=0) + 1e-300
     out = time_s[(np.abs(rest) > EVENT * usual).any(axis=1)]
-    near = np.abs(time_s[:, None] - out).min(axis=1, initial=np.inf) <= EVENT_S
+    near = np.abs(time_s[:, None] - out).min(axis=1, initial=np.inf) <= EDGE_S
     return near if np.mean(near) < MOST_EVENTS else np.zeros(len(time_s), bool)
 
 

@@ -116,20 +116,20 @@ def together(
 
 
 @dataclass(frozen=True)
-class Said:
+class Statistics:
     """What flights say of groups of K further columns in R time profiles, beside a regression."""
 
     own: Array  # (R, groups, K, K) information, less what each flight's own columns give way
     half: Array  # (L, R, groups, K) what of it the lasting ones give way
     score: Array  # (R, groups, K)
 
-    def __add__(self, other: Said) -> Said:
+    def __add__(self, other: Statistics) -> Statistics:
         """Of one column in several flights."""
-        return Said(self.own + other.own, self.half + other.half, self.score + other.score)
+        return Statistics(self.own + other.own, self.half + other.half, self.score + other.score)
 
-    def always(self) -> Said:
+    def always(self) -> Statistics:
         """In the first of the profiles alone."""
-        return Said(self.own[:1], self.half[:, :1], self.score[:1])
+        return Statistics(self.own[:1], self.half[:, :1], self.score[:1])
 
     @property
     def information(self) -> Array:
@@ -160,7 +160,7 @@ class Further:
             out += self._profiles[:, some] @ each.reshape(len(each), -1)
         return out.reshape(len(out), x.shape[-1], self._flat.shape[-1]).transpose(1, 0, 2)
 
-    def beside(self, all_of_it: Together, flight: int) -> Said:
+    def beside(self, all_of_it: Together, flight: int) -> Statistics:
         """What this flight says of them. Columns that it has there beyond its usual ones come first."""
         place, x = all_of_it.places[flight], all_of_it.columns[flight]
         new = x.shape[-1] + 1 - len(self._usual)
@@ -170,7 +170,7 @@ class Further:
             half.reshape(len(half), *self._shape)
             for half in all_of_it.half(flight, cross.reshape(len(cross), -1))
         )
-        return Said(self._own - _squares(mine), lasting, score.reshape(self._shape))
+        return Statistics(self._own - _squares(mine), lasting, score.reshape(self._shape))
 
 
 def _squares(half: Array) -> Array:
@@ -178,9 +178,9 @@ def _squares(half: Array) -> Array:
     return np.stack([np.sum(half * half[..., [b]], axis=0) for b in range(half.shape[-1])], axis=-1)
 
 
-def gained(said: Said, deviation: Array) -> Array:
+def gained(reported: Statistics, deviation: Array) -> Array:
     """Log evidence that columns add (R, groups)."""
-    scaled = said.information * np.outer(deviation, deviation) + np.eye(len(deviation))
-    pull = said.score * deviation
+    scaled = reported.information * np.outer(deviation, deviation) + np.eye(len(deviation))
+    pull = reported.score * deviation
     means = np.linalg.solve(scaled, pull[..., None])[..., 0]
     return 0.5 * (np.sum(pull * means, axis=-1) - np.linalg.slogdet(scaled)[1])

@@ -15,7 +15,7 @@ import numpy as np
 
 from coaxlink.frames import Array
 from coaxlink.health.columns import Flight
-from coaxlink.health.evidence import Further, Said, Together, gained, together
+from coaxlink.health.evidence import Further, Statistics, Together, gained, together
 from coaxlink.health.onsets import ONSET_ROUNDS, Onset, onsets, variants
 from coaxlink.health.priors import (
     CG_MOVED_M,
@@ -243,19 +243,19 @@ def _faults(
     for beside in (0, *likely):
         p = payloads[beside]
         now = together(flights, {p.flight: p.blocks(flights[p.flight])}) if p else drawn
-        for since, until, said in _spans([x.beside(now, k) for k, x in enumerate(further)]):
+        for since, until, reported in _spans([x.beside(now, k) for k, x in enumerate(further)]):
             odds = np.log(FAULT_ODDS / (count * rotors * len(KINDS))) + _lasts(since, until, count)
             prior = odds + np.log([o.prior for o in grid[since]])[:, None, None]
-            yield _weighed(said, since, until, beside, prior + without[beside])
+            yield _weighed(reported, since, until, beside, prior + without[beside])
 
 
-def _spans(said: Sequence[Said]) -> Iterator[tuple[int, int, Said]]:
+def _spans(reported: Sequence[Statistics]) -> Iterator[tuple[int, int, Statistics]]:
     """Of a fault that set in in each flight, mended before each later one in turn, then never."""
-    for since, total in enumerate(said):
-        for until in range(since + 1, len(said) + 1):
+    for since, total in enumerate(reported):
+        for until in range(since + 1, len(reported) + 1):
             yield since, until, total
-            if until < len(said):
-                total = total + said[until].always()
+            if until < len(reported):
+                total = total + reported[until].always()
 
 
 def _lasts(since: int, until: int, count: int) -> float:
@@ -288,13 +288,13 @@ class _Weighed:
         return Fault(self.since, self.until, grid[self.since][r], int(rotor), LOADS[kind])
 
 
-def _weighed(said: Said, since: int, until: int, beside: int, prior: Array) -> _Weighed:
+def _weighed(reported: Statistics, since: int, until: int, beside: int, prior: Array) -> _Weighed:
     """What each fault gains over none: its size integrated over its prior, thrust lost and not gained."""
     from scipy.special import log_ndtr
 
-    all_of_it = said.information
+    all_of_it = reported.information
     information = np.einsum("kai,rnab,kbj->rnkij", LOADS, all_of_it, LOADS, optimize=True)
-    score = np.einsum("kai,rna->rnki", LOADS, said.score)
+    score = np.einsum("kai,rna->rnki", LOADS, reported.score)
     covariance = np.linalg.inv(information + np.eye(2))
     sizes = np.einsum("rnkij,rnkj->rnki", covariance, score)
     gain = 0.5 * (np.sum(score * sizes, axis=-1) + np.linalg.slogdet(covariance)[1])

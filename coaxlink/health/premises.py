@@ -44,7 +44,7 @@ SEVERAL = 2.0  # times, judgement: what an error adds is then more than all else
 
 
 def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> Health:
-    """Health over flights of one vehicle, oldest first; or why that cannot be said.
+    """Health over flights of one vehicle, oldest first; or why that cannot be reported.
 
     Raises InputError when a log lacks what every flight needs.
     """
@@ -126,20 +126,20 @@ def _hangs_on(found: Health, frames: Sequence[FlightFrame], names: Sequence[str]
 
     A mass is not moved: what all rotors have in common is unknown here to a tenth (`LIFT_TODAY`).
     """
-    said = _words(found)
+    reported = _words(found)
     if found.verdict == "sound" and found.slid > GROUND:
         fast = _words(_over(frames, names, slides=False))
-        if fast != said:
+        if fast != reported:
             measure = "whether something aboard can have moved in flight (payload, pack)"
-            yield NotJudged("payload", measure, f"if nothing can the answer is {fast} in place of {said}")
+            yield NotJudged("payload", measure, f"if nothing can the answer is {fast} in place of {reported}")
     seen: set[str] = set()
     for moved in moves(frames[0].airframe):
         if moved.premise in seen or moved.premise == "mass_kg":
             continue
         other = _words(_over([as_if(frame, moved.airframe) for frame in frames], names))
-        if other != said:
+        if other != reported:
             seen.add(moved.premise)
-            yield not_judged(moved.premise, f"{moved.words} the answer is {other} in place of {said}")
+            yield not_judged(moved.premise, f"{moved.words} the answer is {other} in place of {reported}")
 
 
 def flown_by(inputs: Inputs, vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged, ...]:

@@ -53,7 +53,7 @@ WINDOW = 25  # onsets looked back to: the two seconds that a loss may take to be
 # which no filter has followed yet, say most of its size
 WITHIN = np.array([0.2, 0.4, 0.6, 0.8, 1.0])
 LASTING = 5  # blocks that an onset is old: the first holds a part of it, motors and loops settle in the next
-SETTLING = 30  # blocks before anything is said: three times what four unknowns need
+SETTLING = 30  # blocks before anything is reported: three times what four unknowns need
 SCALE = 0.10  # of the wrench: inertia as drawn, voltage, air
 MODEL = 0.03  # of a rotor's load beside its usual one: what a rotor model is good to
 TIMING_S = 0.006  # of a wrench's slope: a 50 Hz stream's period over root 12

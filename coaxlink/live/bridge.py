@@ -76,7 +76,7 @@ class BridgeEnd:
         self._session, self._clock, self._requested_s = session, session.clock, 0.0
         self.token = 1 + secrets.randbelow(TOKENS - 1)  # 0 is none
         self.taken = Count(COUNTED)  # of our commands, by the script
-        self.acknowledged = False  # at some time it said that it follows us
+        self.acknowledged = False  # at some time it reported that it follows us
 
     def find(self) -> bool:
         """Whether our script speaks."""
@@ -105,7 +105,7 @@ class BridgeEnd:
         return named if who != self._session.source else f"{named}, our own ids, on another link"
 
     def account(self) -> dict[str, int]:
-        """What it said of itself, as `coaxlink mix --json` has it under `board`."""
+        """What it reported of itself, as `coaxlink mix --json` has it under `board`."""
         return {"taken": self.taken.total}
 
     def _ask(self) -> None:

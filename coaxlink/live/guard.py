@@ -36,7 +36,7 @@ class Timing:
 
     @property
     def silent_after_s(self) -> float:
-        """From the last good demand to the last thing said."""
+        """From the last good demand to the last thing reported."""
         return self.ramp_after_s + self.ramp_s
 
 

@@ -36,7 +36,7 @@ class HealthWatch:
 
     def __init__(self, live: LiveMixer, say: Callable[[str], None]) -> None:
         self._live, self._say = live, say
-        self._reasons: set[str] = set()  # that were said
+        self._reasons: set[str] = set()  # that were reported
         self.in_air = InAir(live.core.vehicle)
         self.problem = ""  # why it watches no longer
         self._queue: deque[tuple[Any, int, tuple[float, ...]]] = deque(maxlen=WAITING)

@@ -16,7 +16,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, MICROSECONDS_WRAP_S
 from coaxlink.health.priors import TORQUE_WITH_THRUST
 from coaxlink.health.sequential import HOURS, Suspicion, Verdict
 from coaxlink.health.stream import STALE_S
@@ -29,7 +29,6 @@ RIVAL_S = 1.0  # a better source that was heard within this is the one that coun
 ACCEL_S = 0.2  # an acceleration older than this is not the rates'
 LEAST_HZ = 3.0 / STALE_S  # of rates and commands: slower, a late message is a gap
 PACE_S = 2.0  # over which their rate is a mean
-WRAP_S = 2**32 / 1e6  # of 32 bit microseconds
 APART_S = 2.0  # commands further than this from the rates have another clock
 NEEDS = "needs ATTITUDE or HIGHRES_IMU, the motor commands and EXTENDED_SYS_STATE"
 
@@ -62,7 +61,7 @@ class Call:
 class RotorsInAir:
     """What is believed now."""
 
-    word: str  # sound, watch, called, cannot judge, not this vehicle; "" while nothing can be said
+    word: str  # sound, watch, called, cannot judge, not this vehicle; "" while nothing can be reported
     why: str  # there is no verdict
     suspicions: tuple[Suspicion, ...] = ()
     calls: tuple[Call, ...] = ()
@@ -70,7 +69,7 @@ class RotorsInAir:
 
     @property
     def worst(self) -> float | None:
-        """Probability that the most suspected rotor lost thrust; None while nothing can be said."""
+        """Probability that the most suspected rotor lost thrust; None while nothing can be reported."""
         if self.calls:
             return max(c.probability for c in self.calls)
         if not self.word or self.reasons:
@@ -160,7 +159,7 @@ class InAir:
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Why nothing can be said; of the last flight, until another one says otherwise."""
+        """Why nothing can be reported; of the last flight, until another one says otherwise."""
         return (*self._weighed.differs, *self._weighed.doubts.values())
 
     @property
@@ -196,8 +195,8 @@ class InAir:
 
     def commanded(self, time_s: float, commands: Sequence[float | None]) -> None:
         """Normalised commands (N,) at that time of the vehicle's clock (a 32 bit one may have wrapped)."""
-        turns = round((self._time_s - time_s) / WRAP_S)
-        time_s += turns * WRAP_S
+        turns = round((self._time_s - time_s) / MICROSECONDS_WRAP_S)
+        time_s += turns * MICROSECONDS_WRAP_S
         known = [u for u in commands if u is not None]
         if self._flying and len(known) == len(commands) and abs(time_s - self._time_s) < APART_S:
             self._paces["motor commands"].came(time_s)

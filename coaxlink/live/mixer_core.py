@@ -220,8 +220,8 @@ class MixCore:
             speeds = self._reduced(wanted)
             self.counters.reduced_flown += 1
         nominal = [u / factor for u in self.edge.nominals(speeds)]
-        told = nominal if self.board_turns else self.edge.commands(nominal)
-        commands = [min(max(c, 0.0), 1.0) if math.isfinite(c) else c for c in told]
+        commanded = nominal if self.board_turns else self.edge.commands(nominal)
+        commands = [min(max(c, 0.0), 1.0) if math.isfinite(c) else c for c in commanded]
         if not all(0.0 <= u <= 1.0 + 1e-9 for u in (*speeds, *commands)):  # also for NaN
             self.counters.refused_outputs += 1
             return None

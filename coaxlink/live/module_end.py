@@ -50,7 +50,7 @@ class ModuleEnd:
         self.identity, self._rotors = of.identity, of.rotors
         self.token = 1 + secrets.randbelow((1 << HASH_BITS) - 1)
         self.taken = Count(COUNTED)
-        self.acknowledged = False  # at some time it said that it follows us
+        self.acknowledged = False  # at some time it reported that it follows us
         self.reported: dict[int, float] = {}  # facts by their numbers
         self._number = 0  # of the demand read last
         self._followed: tuple[int, int, int] = (0, 0, 0)  # system, component, token
@@ -126,7 +126,7 @@ class ModuleEnd:
         return f"system {system} component {component}"
 
     def account(self) -> dict[str, int]:
-        """What the module said of itself last, as `coaxlink mix --json` has it under `board`."""
+        """What the module reported of itself last, as `coaxlink mix --json` has it under `board`."""
         facts = {name: int(self.reported.get(n, 0)) for n, name in enumerate(FACTS)}
         return {"taken": self.taken.total, **facts}
 

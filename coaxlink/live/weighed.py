@@ -59,7 +59,7 @@ class Weighed:
     """`command` and `reading` as of `Stream`; a verdict a block, of the vehicle as its file has it."""
 
     def __init__(self, vehicle: Vehicle, hours: float, before: Weighed | None = None) -> None:
-        """`before`: of the same vehicle until now; why nothing could be said then goes on."""
+        """`before`: of the same vehicle until now; why nothing could be reported then goes on."""
         moved = [m for m in moves(vehicle.declared) if m.premise != "mass_kg"]
         bodies = [
             ("", "", vehicle),
@@ -70,13 +70,13 @@ class Weighed:
         self._named: tuple[int, float] | None = None  # a rotor that some test called, and when first
         self._blocks: deque[HealthInterval] = deque(maxlen=round(MOST_S / BLOCK_S))
         self._looked_s = 0.0
-        # premise -> why nothing can be said
+        # premise -> why nothing can be reported
         self.doubts: dict[str, NotJudged] = before.doubts if before else {}
         unmeasured = pairs_unmeasured(vehicle.declared, vehicle.rotors)
         self.doubts |= {doubt.premise: doubt for doubt in unmeasured}
         self.differs: tuple[OtherVehicle, ...] = before.differs if before else ()
         self.charge: float | None = before.charge if before else None  # of the pack, 0..1, where reported
-        self._weight: tuple[OtherVehicle, ...] = ()  # what its lift said while the pack was full
+        self._weight: tuple[OtherVehicle, ...] = ()  # what its lift reported while the pack was full
 
     def command(self, time_s: float, commands: Sequence[float]) -> None:
         """As `Stream.command`."""
@@ -116,9 +116,9 @@ class Weighed:
             return None if self.differs else own.held[rotor][1]
         if apart and now_s - since >= WEIGHED_S:
             self._named = None
-            said, other = (f"rotor {rotor}", "no rotor") if held else ("no rotor", f"rotor {rotor}")
+            reported, other = (f"rotor {rotor}", "no rotor") if held else ("no rotor", f"rotor {rotor}")
             for test in apart:
-                why = f"{test.words} it is {other} that loses thrust in place of {said}"
+                why = f"{test.words} it is {other} that loses thrust in place of {reported}"
                 self.doubts.setdefault(test.premise, not_judged(test.premise, why))
         return None
 

@@ -89,7 +89,7 @@ class Files:
     def __init__(self, session: Session, *, timeout_s: float = 0.6) -> None:
         self._session = session
         self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
-        # a board answers a number it has just seen with what it said then, whoever asks
+        # a board answers a number it has just seen with what it reported then, whoever asks
         self._number = random.randrange(65536)
         self._guard: Callable[[], None] | None = None
 

@@ -180,23 +180,25 @@ class Bound:
 
     def news(self) -> list[str]:
         """What there is to say about who is on the line, since the last call; one line each."""
-        said = []
+        reported = []
         while self._news:
-            said.append(self._news.popleft())
-        return said
+            reported.append(self._news.popleft())
+        return reported
 
     def standing(self) -> list[str]:
         """Who else is here now, a line each, for a screen."""
-        now, said = self._clock.monotonic(), []
+        now, reported = self._clock.monotonic(), []
         for s in self.strangers:
             if now - s.heard_s < _HERE_S:
                 what = "another vehicle of its ids" if s.beside else "messages under its ids"
-                said.append(
+                reported.append(
                     f"{what} at {s.name}: not believed ({s.datagrams}); it is at {self.vehicle_address}"
                 )
         if self._other:
-            said.append(f"behind {self.vehicle_address} another answers under the same ids: {self._other}")
-        return said
+            reported.append(
+                f"behind {self.vehicle_address} another answers under the same ids: {self._other}"
+            )
+        return reported
 
     def refuse_others(self, *, alone: bool = True) -> None:
         """Raises SafetyRefusal when another vehicle uses the same ids: what is written must not stray.

@@ -77,7 +77,7 @@ class Signer:
         name = hashlib.sha256(b"coaxlink" + key).hexdigest()[:16]
         self._book = Book(folder / f"{name}.signing.json")
         self.state.stream_timestamps = dict(self._book.heard)
-        # above every sender's, too: who hears us raises its clock to ours, and is past what it said before
+        # above every sender's, too: who hears us raises its clock to ours, and is past what it sent before
         self.state.timestamp = max(self._book.sent, *self._book.heard.values(), 0) + 1
         if self.state.timestamp >= END:
             problem = "the timestamps of this key are used up (a clock was wrong by decades): take a new key"

@@ -77,7 +77,7 @@ class Battery:
 
 @dataclass(frozen=True)
 class Text:
-    """What the autopilot said in words."""
+    """What the autopilot reported in words."""
 
     received_s: float
     clock_s: float | None  # the vehicle's time since boot, of its newest stamped message before
@@ -105,7 +105,7 @@ class Telemetry:
             self._messages: dict[str, dict[int, Timed]] = {}
             self._values: dict[str, dict[int, Timed]] = {}
             self._texts: deque[Text] = deque(maxlen=MOST_TEXTS)
-            self._piece, self._said = (
+            self._piece, self._reported = (
                 (0, 0),
                 "",
             )  # the last piece of a text: id and number; what there is of it
@@ -165,7 +165,7 @@ class Telemetry:
 
     @property
     def texts(self) -> tuple[Text, ...]:
-        """The last MOST_TEXTS things it said, oldest first."""
+        """The last MOST_TEXTS things it reported, oldest first."""
         with self._lock:
             return tuple(self._texts)
 
@@ -176,8 +176,8 @@ class Telemetry:
         piece = int(message.id), int(message.chunk_seq)
         follows = piece[1] > 0 and piece == (self._piece[0], self._piece[1] + 1)
         self._piece = piece
-        self._said = (self._said + words)[:_LONG] if follows else words
-        text = plain(self._said.rstrip("\t"), _LONG).strip()
+        self._reported = (self._reported + words)[:_LONG] if follows else words
+        text = plain(self._reported.rstrip("\t"), _LONG).strip()
         if follows and self._texts:
             self._texts.append(replace(self._texts.pop(), text=text))
         elif text:

@@ -201,8 +201,8 @@ class Serial:
             first = self._line.read(1)
             return first + self._line.read(self._line.in_waiting) if first else b"", None
         except (OSError, TypeError) as error:  # SerialException is one; TypeError: closed by another thread
-            said = getattr(error, "strerror", None) or error
-            raise LinkError(self._address.text, f"the line is gone ({said})") from error
+            reported = getattr(error, "strerror", None) or error
+            raise LinkError(self._address.text, f"the line is gone ({reported})") from error
 
     def write(self, data: bytes, peer: Any = None) -> None:
         with self._sending, contextlib.suppress(OSError):  # the reader finds the end of the line and says so
@@ -214,12 +214,13 @@ class Serial:
 
 def _why_not(error: Exception) -> str:
     """Why a serial line does not open, in a few words: pyserial's hold the system's in brackets."""
-    number, said = getattr(error, "errno", None), str(error)
-    if number == errno.EBUSY or "exclusively lock" in said or "PermissionError" in said:  # the last: Windows
+    number, reported = getattr(error, "errno", None), str(error)
+    taken = ("exclusively lock", "PermissionError")  # the last: Windows
+    if number == errno.EBUSY or any(words in reported for words in taken):
         return "the line is in use by another program, or not yours to open"
     if number:
         return f"cannot be opened ({os.strerror(number)})"
-    if "configure port" in said:
+    if "configure port" in reported:
         return "not a serial line, or not at this rate"
-    meant = re.search(r"Error\(\d+, '([^']+)'", said)  # Windows
-    return f"cannot be opened ({meant[1] if meant else said})"
+    meant = re.search(r"Error\(\d+, '([^']+)'", reported)  # Windows
+    return f"cannot be opened ({meant[1] if meant else reported})"

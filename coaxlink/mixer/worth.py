@@ -259,7 +259,7 @@ class TableOnRotors:
 
 
 def reach(fly: TableOnRotors, hover: float, axis: int) -> AxisReach:
-    """The authority of an axis (1 roll, 2 pitch, 3 yaw) in hover, wherever one is said: `moment_Nm`."""
+    """The authority of an axis (1 roll, 2 pitch, 3 yaw) in hover, wherever one is reported: `moment_Nm`."""
     at = np.array([hover, 0.0, 0.0, 0.0])
     still, ways = fly.wrench(at), []
     for sign in (1.0, -1.0):

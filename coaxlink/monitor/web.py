@@ -40,8 +40,8 @@ SESSIONS = 4
 LEAVING_S = 3.0  # a page that is loaded anew: so long its old process may take to end
 SIDES = ((20, 500), (5, 200))  # columns, rows of a page
 MESSAGE = 1 << 16  # bytes that a browser may say at once
-SAID, WIDTH = 8, 100  # malformed requests that are told, characters of each
-TEXT = 4096  # bytes kept of what a process said last
+REPORTED, WIDTH = 8, 100  # malformed requests that are told, characters of each
+TEXT = 4096  # bytes kept of what a process reported last
 LEFT = 4001  # how a page is closed whose screen was left by its own key; another close is a broken line
 READY = b"__GANGLION__\n"
 KEYS = (  # buttons below the screen: what a phone has no keys for
@@ -119,12 +119,12 @@ class WebMonitor:
     async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:
         origin = request.headers.get("Origin")
         if request.headers.get("Host") != self._own or origin not in (None, f"http://{self._own}"):
-            return _said(403, f"This monitor is at {self._own} and for its own page only.")
+            return _reported(403, f"This monitor is at {self._own} and for its own page only.")
         token = request.match_info.get("token") or request.query.get("token", "")
         if not request.path.startswith("/static/") and not secrets.compare_digest(
             token.encode(), self._token.encode()
         ):
-            return _said(403, "Open the address that the terminal shows: its token lets you in.")
+            return _reported(403, "Open the address that the terminal shows: its token lets you in.")
         return await handler(request)
 
     async def _full(self) -> str:
@@ -141,7 +141,7 @@ class WebMonitor:
 
     async def _index(self, request: web.Request) -> web.Response:
         if full := await self._full():
-            return _said(503, full[0].upper() + full[1:])
+            return _reported(503, full[0].upper() + full[1:])
         text = self._page.render(
             socket=f"ws://{self._own}/ws/{self._token}", keys=json.dumps(KEYS), left=LEFT
         )
@@ -157,7 +157,7 @@ class WebMonitor:
 
     async def _session(self, request: web.Request) -> web.StreamResponse:
         if full := await self._full():
-            return _said(503, full)
+            return _reported(503, full)
         self._starting += 1
         try:
             page = web.WebSocketResponse(heartbeat=15.0, max_msg_size=MESSAGE)
@@ -185,9 +185,9 @@ class WebMonitor:
         )
 
     async def _show(self, process: Process, page: web.WebSocketResponse) -> None:
-        """All that it draws, and at its end what it said of it."""
+        """All that it draws, and at its end what it reported of it."""
         assert process.stdout is not None and process.stderr is not None
-        told = asyncio.create_task(process.stderr.read())
+        errors_of = asyncio.create_task(process.stderr.read())
         try:
             while (line := await process.stdout.readline()) and line != READY:
                 pass
@@ -206,11 +206,11 @@ class WebMonitor:
             code = await process.wait()
             self._running.discard(process)
             self._killed.discard(process)
-            said = plain_lines((await told).decode(errors="replace")[-TEXT:]).replace("\n", "\r\n")
+            reported = plain_lines((await errors_of).decode(errors="replace")[-TEXT:]).replace("\n", "\r\n")
         if code == 0:
             await page.close(code=LEFT)
         elif not page.closed:  # it stays on the page until that is left
-            await page.send_bytes(b"\x1b[2J\x1b[H" + (said or f"ended with code {code}").encode())
+            await page.send_bytes(b"\x1b[2J\x1b[H" + (reported or f"ended with code {code}").encode())
 
     async def _end_all(self, _: web.Application) -> None:
         for process in self._running:
@@ -225,15 +225,15 @@ class WebMonitor:
 class _OneLine(logging.Handler):
     """What the server complains of, a line each on stderr; anybody may ask anything, so only a few."""
 
-    left = SAID
+    left = REPORTED
 
     def emit(self, record: logging.LogRecord) -> None:
         if self.left:
             self.left -= 1
             why = record.exc_info[1] if record.exc_info else None
-            said = plain_lines(str(why or record.getMessage())).strip().splitlines() or ["no request"]
+            reported = plain_lines(str(why or record.getMessage())).strip().splitlines() or ["no request"]
             more = "" if self.left else " (further ones are not shown)"
-            sys.stderr.write(f"a malformed request was refused: {said[0][:WIDTH]}{more}\n")
+            sys.stderr.write(f"a malformed request was refused: {reported[0][:WIDTH]}{more}\n")
             sys.stderr.flush()
 
 
@@ -282,7 +282,7 @@ def _side(which: int, given: Any) -> int:
         return (80, 24)[which]
 
 
-def _said(status: int, text: str) -> web.Response:
+def _reported(status: int, text: str) -> web.Response:
     phone = '<meta name="viewport" content="width=device-width,initial-scale=1">'
     style = "<style>body{margin:2rem;background:#0c181f;color:#dde;font:1.1rem system-ui,sans-serif}</style>"
     page = f"<!DOCTYPE html>{phone}<title>coaxlink monitor</title>{style}<p>{html.escape(text)}</p>"

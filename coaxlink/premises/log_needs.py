@@ -29,12 +29,12 @@ def lacking(frame: FlightFrame) -> Iterator[NotJudged]:
         yield NotJudged("log_rate", "a flight at 50 rows a second", why)
 
 
-def damage(logs: Sequence[Samples], said: str = "") -> Iterator[NotJudged]:
+def damage(logs: Sequence[Samples], reported: str = "") -> Iterator[NotJudged]:
     """Of every log that could not be read in full: what is missing may be what matters, and what is left may
-    be wrong; `said` is what it would mean."""
+    be wrong; `reported` is what it would mean."""
     for log in logs:
         if DAMAGED in log.premises:
-            left = f"; the rest of it reads: {said}" if said else ""
+            left = f"; the rest of it reads: {reported}" if reported else ""
             yield NotJudged(DAMAGED, "by an undamaged log", f"{log.source}: {PREMISES[DAMAGED]}{left}")
 
 

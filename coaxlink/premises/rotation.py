@@ -30,7 +30,7 @@ def turned_otherwise(airframe: Airframe, model: RotorModel) -> str:
 
 
 def pairs_unmeasured(airframe: Airframe, model: RotorModel) -> Iterator[NotJudged]:
-    """Why nothing can be said of such rotors."""
+    """Why nothing can be reported of such rotors."""
     if why := turned_otherwise(airframe, model):
         yield NotJudged("rotation", MEASURE, why)
 

@@ -274,9 +274,9 @@ def _exchanged(flown: Flown, weak: Array) -> list[OtherVehicle]:
             break
         best, order = now, other
     n = min(len(flown.speeds), 2.0 * BAND_HZ * len(flown.speeds) * flown.step_s)
-    nats = 0.5 * n * float(np.sum(np.log(first / best)))
+    log_evidence = 0.5 * n * float(np.sum(np.log(first / best)))
     helps: NDArray[np.bool_] = (best < 1.0 - TELLS) & (best < TELLS * first)
-    if nats < EXCHANGED + np.log(comb(len(order), 2)) or not helps.any():
+    if log_evidence < EXCHANGED + np.log(comb(len(order), 2)) or not helps.any():
         return []
     wrong = [k for k, n in enumerate(order) if k != n]
     numbers = [r.number for r in flown.airframe.rotors]

@@ -13,7 +13,7 @@ from coaxlink.health.coefficients import Update
 from coaxlink.health.next_flight import NextFlight
 from coaxlink.report.terminal import grouped, table
 
-SAID = {"told": "identified", "partly": "partly", "not told": "not identified"}
+REPORTED = {"told": "identified", "partly": "partly", "not told": "not identified"}
 CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 
@@ -26,7 +26,7 @@ def coefficient_table(update: Update, planned: NextFlight | None = None) -> Any:
     before = ""
     for t in update.coefficients:
         prior, after = (rounded(v, NORMAL_95 * sd) for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd)))
-        rows.append([t.load if t.load != before else "", t.term, prior, after, SAID[t.verdict]])
+        rows.append([t.load if t.load != before else "", t.term, prior, after, REPORTED[t.verdict]])
         if planned:
             half = NORMAL_95 * expected[t.load, t.term]
             rows[-1].append("± " + rounded(0.0, half).rpartition(" ")[2])

@@ -28,14 +28,14 @@ def compare_page(
     battery: tuple[float | None, float],
 ) -> str:
     """The page; `laws`: headings and rows of the table of laws; `battery`: Wh and the drive's efficiency."""
-    said = [text.replace("`", "") for text in sentences(worths)] or [f"All laws on {name}."]
-    lead, _, rest = said[0].partition(". ")
+    reported = [text.replace("`", "") for text in sentences(worths)] or [f"All laws on {name}."]
+    lead, _, rest = reported[0].partition(". ")
     heads = ("by the rotor model", *(f"* {t.name}" if t.name == worths.used else t.name for t in shown))
     return render(
         "compare.html",
         title=f"{name}: what a table is worth",
         lead=f"{lead.rstrip('.')}.",
-        said=[text for text in (rest, *said[1:]) if text],
+        reported=[text for text in (rest, *reported[1:]) if text],
         picture=PagePicture(drawn(figure), CAPTION),
         worths=PageTable(heads, rows(shown, *battery)),
         terms=f"* {used(worths)}. {terms()}",

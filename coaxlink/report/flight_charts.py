@@ -68,7 +68,7 @@ class FlightCharts:
     charts: tuple[Chart, ...]
     events: tuple[tuple[float, str], ...]  # s since the first row, in words
     premises: tuple[str, ...] = field(default=())
-    provenance: tuple[str, ...] = ()  # of those what must be said with the answer
+    provenance: tuple[str, ...] = ()  # of those what must be reported with the answer
 
 
 def flight_charts(path: Path, vehicle: Vehicle | None, system: int | None = None) -> list[FlightCharts]:

@@ -82,11 +82,11 @@ def verdict(this: Worth, other: Worth) -> str:
     }
     lost = [text for text, kept in margins.items() if not kept]
     kept = [text for text, kept in margins.items() if kept]
-    said = [f"The {this.name} table {power}{', and gives up: ' + ', '.join(lost) if lost else ''}."]
-    said += [f"It keeps: {', '.join(kept)}."] if kept else []
+    reported = [f"The {this.name} table {power}{', and gives up: ' + ', '.join(lost) if lost else ''}."]
+    reported += [f"It keeps: {', '.join(kept)}."] if kept else []
     notice = "nothing" if same else "the power alone"
     return (
-        f"{' '.join(said)} {gains}. Integrators take off all of the error but {_left(this)} "
+        f"{' '.join(reported)} {gains}. Integrators take off all of the error but {_left(this)} "
         f"({other.name}: {_left(other)}): in calm hover and slow circles you notice {notice}."
     )
 

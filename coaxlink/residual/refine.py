@@ -178,9 +178,9 @@ def _hangs_on(found: Refinement, inputs: Inputs, bare: FlightFrame) -> list[NotJ
         # somebody's word counts where the log bears it out against the other number
         if now == names or (declared and _error(other) > _error(found) + CLEARLY):
             continue
-        said, instead = (" and ".join(sorted(n)) or "nothing" for n in (names, now))
+        reported, instead = (" and ".join(sorted(n)) or "nothing" for n in (names, now))
         hangs[moved.premise] = not_judged(
-            moved.premise, f"{moved.words} {instead} is found in place of {said}"
+            moved.premise, f"{moved.words} {instead} is found in place of {reported}"
         )
     return list(hangs.values())
 

@@ -74,7 +74,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Identification(Shown):
-    """An identified model, and everything said about it."""
+    """An identified model, and everything reported about it."""
 
     form: str
     model: RotorModel

@@ -67,7 +67,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class LogChecks:
-    """What is said of a log beside its model."""
+    """What is reported of a log beside its model."""
 
     odd: tuple[str, ...]  # what a person should look at first, a line each
     covers: tuple[str, ...]  # which propellers its units mean, and its coverage, in words
@@ -81,7 +81,7 @@ def check_log(result: Identification, diameter_m: float | None = None) -> LogChe
     if units:
         units = f"with {units} these readings are propellers' as well: `diameter_m` decides, a map states it"
     meant = sizes(samples, diameter_m)
-    odd = (turns, units, *oddities(result.data, result.form), *poor_errors(result))
+    odd = (turns, units, *unusual(result.data, result.form), *poor_errors(result))
     return LogChecks(
         tuple(line for line in odd if line), tuple(filter(None, (meant, *covered.lines()))), covered
     )
@@ -176,7 +176,7 @@ def poor_errors(result: Identification) -> Iterator[str]:
         )
 
 
-def oddities(data: StandData, form: str) -> tuple[str, ...]:
+def unusual(data: StandData, form: str) -> tuple[str, ...]:
     """What a person should look at in the log before they believe a model of it, one line each."""
     looks = (_no_speed, _full_throttle, _beyond, _stalled, _idle_power, _efficiency, _wrong_way)
     return (*(line for look in looks for line in look(data)), *_few_rows(data, form))

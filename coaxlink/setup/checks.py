@@ -178,7 +178,7 @@ def _inertia(airframe: Airframe) -> Iterator[Finding]:
 def _mass(airframe: Airframe) -> Iterator[Finding]:
     arm = airframe_arm(airframe)
     if not _SHORTEST_M <= arm <= WIDEST_M:
-        return  # the length is wrong, and said to be
+        return  # the length is wrong, and reported to be
     arms = len(airframe.pairs) + len(airframe.singles)
     area = arms * math.pi * (_LARGEST_DISC * arm) ** 2
     loading = airframe.mass_kg * GRAVITY_M_S2 / area

@@ -120,7 +120,7 @@ def _pool(machine: Machine) -> Iterator[_Pool]:
         import distributed
     except ImportError as error:
         raise InputError("`scheduler`", "", "Dask is needed: pip install 'coaxlink[cluster]'") from error
-    for name in ("distributed", "distributed.client"):  # they log tracebacks of what is said here in a line
+    for name in ("distributed", "distributed.client"):  # they log tracebacks of what is a line here
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(machine.scheduler, timeout=CONNECT_S)

@@ -79,7 +79,7 @@ class ScriptFolder:
         """The scripts that change, as they are to be, by path.
 
         Of coaxlink's own tables only the wanted one stays: the other would stop with an error at boot. That
-        it is not there is said as well, or an interrupted upload's way back would bring it along. What is no
+        it is not there is given as well, or an interrupted upload's way back would bring it along. What is no
         `table` (the bridge) leaves the table alone.
         """
         new: dict[str, bytes | None] = {f"{self.path}/{name}": data for name, data in wanted.items()}

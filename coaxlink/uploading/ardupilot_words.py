@@ -61,7 +61,7 @@ class Words:
         return next((text for text in severe if text.startswith(_ERRORS)), "")
 
     def motors(self) -> int | None:
-        """How many motors our script said that it set, None where it was not heard."""
+        """How many motors our script reported that it set, None where it was not heard."""
         found = [m for t in self._heard.texts if (m := _MATRIX_WORD.match(t.text))]
         return int(found[-1][1]) if found else None
 

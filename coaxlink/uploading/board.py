@@ -35,7 +35,7 @@ class Board(ABC):
 
     reboots: frozenset[str] = frozenset()  # parameters that act only after a restart
     acts = "a table acts at once"
-    stands = "it flies what stands there"  # said when arming ended a write
+    stands = "it flies what stands there"  # reported when arming ended a write
     holds: frozenset[str] = frozenset()  # names that a mixer table may write on this firmware
 
     def __init__(

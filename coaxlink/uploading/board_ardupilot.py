@@ -168,7 +168,7 @@ class ArduPilotBoard(Board):
         return fixed, {} if gone else live
 
     def restarting(self) -> None:
-        """What scripts said before is no word on what they do after it."""
+        """What scripts reported before is no word on what they do after it."""
         self._words.forget()
 
     def refuse_unflown(self, plan: Plan) -> None:

@@ -21,7 +21,7 @@ class Standing:
 
     @property
     def untouched(self) -> bool:
-        """Whether the board holds its old table whole, as far as it said, and it said all."""
+        """Whether the board holds its old table whole, as far as it reported, and it reported all."""
         return not (self.new or self.other or self.unknown)
 
     def to_json(self) -> dict[str, tuple[str, ...]]:

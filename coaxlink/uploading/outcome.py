@@ -107,7 +107,7 @@ def is_file(name: str) -> bool:
 
 
 def value_text(name: str, value: Number | None) -> str:
-    """A value as it is said: checksums in hexadecimal, as the boards say them."""
+    """A value as it is reported: checksums in hexadecimal, as the boards say them."""
     if value is None:
         return "nothing"
     if is_file(name) or (name.endswith("_CHECKSUM") and value >= 0):

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 QUAD, HEXA, OCTA, OCTAQUAD, Y6, DODECAHEXA, DECA = 1, 2, 3, 4, 5, 12, 14
-TOP, BOTTOM, UNSAID = "upper", "lower", ""
+TOP, BOTTOM, UNSTATED = "upper", "lower", ""
 _CCW, _CW = 1.0, -1.0
 CO_ROTATING = 0.9  # AP_MOTORS_FRAME_OCTAQUAD_COROTATING_SCALE_FACTOR: all factors of the upper layer
 # FRAME_CLASS that no matrix of rotors stands behind, and what such a vehicle is
@@ -74,7 +74,7 @@ def _ring(
 
 def _single(angles: tuple[float, ...], spins: str, order: tuple[int, ...]) -> Frame:
     """As `_ring`, no motor above another."""
-    return _ring(angles, spins, order, (UNSAID,) * len(angles))
+    return _ring(angles, spins, order, (UNSTATED,) * len(angles))
 
 
 def _y6(rows: tuple[tuple[int, float, str, int], ...], front: float, rear: float) -> Frame:
@@ -104,12 +104,12 @@ _HEXA_CW, _OCTA_CW = (30, 90, 150, -150, -90, -30), (22.5, 67.5, 112.5, 157.5, -
 _OCTA_X = (22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5)
 _Y6A = _y6(
     (
-        (60, _CCW, UNSAID, 2),
-        (-60, _CW, UNSAID, 5),
-        (-60, _CCW, UNSAID, 6),
-        (180, _CW, UNSAID, 4),
-        (60, _CW, UNSAID, 1),
-        (180, _CCW, UNSAID, 3),
+        (60, _CCW, UNSTATED, 2),
+        (-60, _CW, UNSTATED, 5),
+        (-60, _CCW, UNSTATED, 6),
+        (180, _CW, UNSTATED, 4),
+        (60, _CW, UNSTATED, 1),
+        (180, _CCW, UNSTATED, 3),
     ),
     0.666,
     -1.333,
@@ -126,10 +126,10 @@ FRAMES: dict[tuple[int, int], Frame] = {  # (FRAME_CLASS, FRAME_TYPE): motors 1,
     (QUAD, 14): _single((45, 135, -135, -45), "+-+-", _TURN_4),
     (QUAD, 18): _single((135, 45, -135, -45), "+--+", (2, 1, 3, 4)),
     (QUAD, 19): (
-        Motor(45, _CCW, UNSAID, (-1.0, 1.0), 1),
-        Motor(180, _CW, UNSAID, (0.0, -1.0), 2),
-        Motor(180, _CCW, UNSAID, (0.0, -1.0), 3),
-        Motor(-45, _CW, UNSAID, (1.0, 1.0), 4),
+        Motor(45, _CCW, UNSTATED, (-1.0, 1.0), 1),
+        Motor(180, _CW, UNSTATED, (0.0, -1.0), 2),
+        Motor(180, _CCW, UNSTATED, (0.0, -1.0), 3),
+        Motor(-45, _CW, UNSTATED, (1.0, 1.0), 4),
     ),
     (HEXA, 0): _single((0, 180, -120, 60, -60, 120), "-+-++-", (1, 4, 5, 2, 6, 3)),
     (HEXA, 1): _single((90, -90, -30, 150, 30, -150), "-+-++-", (2, 5, 6, 3, 1, 4)),
@@ -163,12 +163,12 @@ FRAMES: dict[tuple[int, int], Frame] = {  # (FRAME_CLASS, FRAME_TYPE): motors 1,
     ),
     (Y6, 11): _y6(
         (
-            (180, _CCW, UNSAID, 3),
-            (60, _CCW, UNSAID, 1),
-            (-60, _CCW, UNSAID, 5),
-            (180, _CW, UNSAID, 4),
-            (60, _CW, UNSAID, 2),
-            (-60, _CW, UNSAID, 6),
+            (180, _CCW, UNSTATED, 3),
+            (60, _CCW, UNSTATED, 1),
+            (-60, _CCW, UNSTATED, 5),
+            (180, _CW, UNSTATED, 4),
+            (60, _CW, UNSTATED, 2),
+            (-60, _CW, UNSTATED, 6),
         ),
         0.5,
         -1.0,

@@ -24,7 +24,7 @@ class Score:
     silent: bool
     over: float  # error after over the true noise, of the worst channel
     seconds: float
-    said: str
+    reported: str
     names: tuple[str, ...] = ()
 
     @property
@@ -69,12 +69,14 @@ def score(log: Log, answer: Answer, reference: Answer | None = None) -> Score:
             answer["channels"][c]["rmse_after"] / s for c, s in noise.items() if c in answer["channels"] and s
         ]
         over = max(ratios, default=nan)
-    said = " + ".join(sorted(found)) or "nothing"
-    said += "".join(f" ({' / '.join(sorted(g))})" for g in groups)
-    said += "".join(f"; unexplained {u['channel']} over {', '.join(u['depends_on'])}" for u in open_ends[:1])
-    said += "".join(f"; suspect {s['column']}" for s in suspects[:1])
-    said += "; cannot judge" if answer.get("cannot_judge") or answer.get("not_this_vehicle") else ""
-    return Score(log, right, wrong, silent, over, answer["seconds"], said, tuple(sorted(found)))
+    reported = " + ".join(sorted(found)) or "nothing"
+    reported += "".join(f" ({' / '.join(sorted(g))})" for g in groups)
+    reported += "".join(
+        f"; unexplained {u['channel']} over {', '.join(u['depends_on'])}" for u in open_ends[:1]
+    )
+    reported += "".join(f"; suspect {s['column']}" for s in suspects[:1])
+    reported += "; cannot judge" if answer.get("cannot_judge") or answer.get("not_this_vehicle") else ""
+    return Score(log, right, wrong, silent, over, answer["seconds"], reported, tuple(sorted(found)))
 
 
 def _verdict(

@@ -71,8 +71,8 @@ def logs_of(name: str, folder: Path, kinds: Sequence[str], only: Collection[str]
         at = root.relative_to(WORLDS) if root.is_relative_to(WORLDS) else Path(*root.parts[-2:])
         yield from _read(str(at), root, kinds)
         return
-    author, _, said = name.partition(":")
-    first, _, last = said.partition("-")
+    author, _, reported = name.partition(":")
+    first, _, last = reported.partition("-")
     if not first.isdecimal():
         sys.exit(f"tracing: '{name}' is no folder with a truth.json, and no author with seeds, as own:0-2")
     for seed in range(int(first), int(last or first) + 1):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_params.ardupilot.frames import FRAMES, UNSAID, Frame, Motor
+from firmware_params.ardupilot.frames import FRAMES, UNSTATED, Frame, Motor
 from sim.vehicle import LEVELS, SimVehicle
 
 APART_DEG = 14.0  # frames with arms elsewhere are 30 degrees and more apart
@@ -45,5 +45,5 @@ def _is(vehicle: SimVehicle, k: int, motor: Motor) -> bool:
     x, y, _ = vehicle.position_m[k]
     apart = (math.degrees(math.atan2(y, x)) - motor.angle_deg + 180.0) % 360.0 - 180.0
     level = int(vehicle.level[k])
-    stacked = motor.layer == UNSAID or level == LEVELS[motor.layer]
+    stacked = motor.layer == UNSTATED or level == LEVELS[motor.layer]
     return abs(apart) < APART_DEG and bool(motor.yaw * vehicle.spin[k] > 0.0) and stacked

@@ -59,7 +59,7 @@ class ApConversation(Conversation):
         super().hear(message)
 
     def send(self, message: Any) -> None:
-        """As any; what a script says goes to the link it was said to."""
+        """As any; what a script says goes to the link it was reported to."""
         if not isinstance(message, _Raw) or message.link == self.peer.link:
             super().send(message)
 

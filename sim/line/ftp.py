@@ -66,7 +66,7 @@ class CardFiles:
         return None if found is None else bytes(found)
 
     def announced(self, path: str, size: int) -> int:
-        """The size that an opened file is said to have."""
+        """The size that an opened file is reported to have."""
         return size
 
     def begin(self, path: str, data: bytes) -> bool:

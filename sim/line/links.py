@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sim.errors import PortError, WorldError
+from sim.errors import PortError, SimulationError
 from sim.line.signing import Signing, detach
 from sim.line.wire import Wire
 
@@ -235,7 +235,7 @@ def open_port(address: str, system: int = 1) -> Port:
     host, _, port = rest.removeprefix("//").rpartition(":")
     kinds = {"udpout": UdpOut, "udpin": UdpIn, "tcpin": TcpIn}
     if kind not in kinds or not host or not port.isdecimal() or int(port) > 65535:
-        raise WorldError(address, "", "udpin:HOST:PORT or tcpin:HOST:PORT is expected")
+        raise SimulationError(address, "", "udpin:HOST:PORT or tcpin:HOST:PORT is expected")
     try:
         return kinds[kind](host, int(port), system)
     except OSError as error:

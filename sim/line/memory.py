@@ -15,7 +15,7 @@ from typing import Any
 
 from firmware_params import bounded
 from sim.documents import write_atomic
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.line.ftp import LOGS
 from sim.line.wire import Clock
 
@@ -54,7 +54,7 @@ class Memory:
                 folders = {str(folder) for folder in raw["folders"]}
                 store.recall(values)
             except (OSError, bounded.Unreadable, *_DAMAGE) as error:
-                raise WorldError(self._path, "", f"no memory of a stand-in ({error})") from error
+                raise SimulationError(self._path, "", f"no memory of a stand-in ({error})") from error
             files.files.update(card)
             files.folders |= folders
             self._autopilot.boot()

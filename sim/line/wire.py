@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from sim.errors import WorldError
+from sim.errors import SimulationError
 
 Clock = Callable[[], float]  # seconds that only grow
 
@@ -49,10 +49,10 @@ def parse_faults(text: str) -> WireFaults:
                 raise ValueError
         except ValueError:
             known = ", ".join(f"{name}=NUMBER" for name in names)
-            raise WorldError("--wire", item, f"{known} or dead=FROM:TO is expected") from None
+            raise SimulationError("--wire", item, f"{known} or dead=FROM:TO is expected") from None
     get = {name: values.get(name, 0.0) for name in names}
     if any(not 0.0 <= get[name] <= 1.0 for name in names[:4]) or get["delay"] < 0:
-        raise WorldError("--wire", text, "chances from 0 to 1 and a positive delay are expected")
+        raise SimulationError("--wire", text, "chances from 0 to 1 and a positive delay are expected")
     return WireFaults(
         get["loss"],
         get["copies"],

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.documents import read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.layout import FASTEST, SLOWEST, SOUND_M_S
 from sim.physics.pair import Pair
 
@@ -150,14 +150,14 @@ def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> Bem
     if isinstance(table, dict):
         refuse_unknown(path, "blades", table, sorted(names))
     else:
-        raise WorldError(path, "blades", f"a table of {', '.join(sorted(names))} is expected")
+        raise SimulationError(path, "blades", f"a table of {', '.join(sorted(names))} is expected")
     values = {name: read_number(path, f"blades.{name}", value) for name, value in table.items()}
     try:
         blades = BladeNumbers(**values)
     except TypeError:
-        raise WorldError(
+        raise SimulationError(
             path, "blades", "radius_m, spacing_m, lift, pitch_rad and drag are expected"
         ) from None
     if min(blades.radius_m, blades.spacing_m, blades.lift) <= 0:
-        raise WorldError(path, "blades", "radius, spacing and lift are positive")
+        raise SimulationError(path, "blades", "radius, spacing and lift are positive")
     return BemtPair(speed_max_rpm, np.zeros((4, 5, 5)), blades)

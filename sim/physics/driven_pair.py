@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from sim.documents import read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.layout import REACH
 from sim.physics.pair import Pair
 from sim.physics.tabled_pair import EFFICIENCY, LOW_SPEED, POINTS, SPEED, WATTS, TabledPair, axes
@@ -44,7 +44,9 @@ def driven_pair(path: Path, pair: Pair, document: dict[str, Any]) -> Pair:
         if "voltage_V" in drive:
             volts = read_number(path, "drive.voltage_V", drive["voltage_V"])
             if volts <= 0.0:
-                raise WorldError(path, "drive.voltage_V", f"a positive number is expected, found {volts:g}")
+                raise SimulationError(
+                    path, "drive.voltage_V", f"a positive number is expected, found {volts:g}"
+                )
         for _ in range(3):  # each speed changes the other's torque
             for k, side in enumerate(sides):
                 tables[SPEED + k] = _solved(path, side, pair, k, grid, tables)
@@ -66,24 +68,24 @@ def _sides(
 ) -> tuple[dict[str, Any], list[Any]]:
     """A table of two sides, and the two; one that is absent is as the other. Raises WorldError."""
     if not isinstance(table, dict):
-        raise WorldError(path, where, "a table of upper and lower is expected")
+        raise SimulationError(path, where, "a table of upper and lower is expected")
     refuse_unknown(path, where, table, (*UPPER_LOWER, *more))
     present = [table[name] for name in UPPER_LOWER if name in table]
     if not present:
-        raise WorldError(path, where, "upper or lower is expected")
+        raise SimulationError(path, where, "upper or lower is expected")
     return table, [table.get(name, present[0]) for name in UPPER_LOWER]
 
 
 def _numbers(path: Path, where: str, value: Any, least: int, most: int) -> list[float]:
     if not isinstance(value, list) or not least <= len(value) <= most:
         wanted = f"{least} numbers are" if least == most else f"{least} to {most} numbers are"
-        raise WorldError(path, where, f"{wanted} expected")
+        raise SimulationError(path, where, f"{wanted} expected")
     return [read_number(path, where, x) for x in value]
 
 
 def _keyed(path: Path, where: str, side: Any, known: tuple[str, ...]) -> dict[str, Any]:
     if not isinstance(side, dict):
-        raise WorldError(path, where, f"a table of {', '.join(known)} is expected")
+        raise SimulationError(path, where, f"a table of {', '.join(known)} is expected")
     refuse_unknown(path, where, side, known)
     return side
 
@@ -110,7 +112,7 @@ def _drive(path: Path, name: str, side: Any) -> _Drive:
     per = [read_number(path, f"{where}.{key}", given.get(key, 0.0)) for key in DRIVE_KEYS[1:3]]
     first, last = _numbers(path, f"{where}.range", given.get("range", [0.0, 1.0]), 2, 2)
     if not 0.0 <= first < last:
-        raise WorldError(
+        raise SimulationError(
             path, f"{where}.range", f"two rising commands are expected, found {first:g}, {last:g}"
         )
     return _Drive(where, bend, per[0], per[1], first)
@@ -126,7 +128,7 @@ def _solved(path: Path, side: _Drive, pair: Pair, k: int, grid: Array, tables: A
 
     low, high = np.zeros(wanted.shape), np.full(wanted.shape, REACH)
     if not (command(np.ones(wanted.shape)) > command(low)).all():
-        raise WorldError(path, f"{side.where}.command", "commands are expected to rise with speed")
+        raise SimulationError(path, f"{side.where}.command", "commands are expected to rise with speed")
     first = max(side.first, 1e-6)
     for _ in range(30):
         middle = 0.5 * (low + high)

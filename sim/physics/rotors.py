@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.documents import read_document, read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.bemt import bemt_pair
 from sim.physics.driven_pair import driven_pair
 from sim.physics.pair import ORDER, Pair
@@ -36,7 +36,7 @@ def read_pair(path: Path) -> Pair:
     refuse_unknown(path, "", document, KEYS)
     top = read_number(path, "speed_max_rpm", document.get("speed_max_rpm"))
     if top <= 0:
-        raise WorldError(path, "speed_max_rpm", f"a positive number is expected, found {top}")
+        raise SimulationError(path, "speed_max_rpm", f"a positive number is expected, found {top}")
     if document.get("form") == "bemt":
         return bemt_pair(path, document, top)
     coefficients = np.zeros((4, ORDER + 1, ORDER + 1))
@@ -46,7 +46,7 @@ def read_pair(path: Path) -> Pair:
             refuse_unknown(path, rotor, section, ("thrust_N", "torque_Nm"))
         terms = section.get(load) if isinstance(section, dict) else None
         if not isinstance(terms, dict) or not terms:
-            raise WorldError(path, f"{rotor}.{load}", "a table of terms is expected")
+            raise SimulationError(path, f"{rotor}.{load}", "a table of terms is expected")
         for name, value in terms.items():
             where = f"{rotor}.{load}.{name}"
             a, b = _powers(path, where, name)
@@ -61,8 +61,8 @@ def _powers(path: Path, where: str, name: str) -> tuple[int, int]:
         if factor == "1":
             continue
         if base not in powers or (exponent and not exponent.isdecimal()):
-            raise WorldError(path, where, "a term is a product of powers such as 'u_u^2 u_l', or '1'")
+            raise SimulationError(path, where, "a term is a product of powers such as 'u_u^2 u_l', or '1'")
         powers[base] += int(exponent or 1)
     if max(powers.values()) > ORDER:
-        raise WorldError(path, where, f"simulated rotors know powers up to {ORDER}")
+        raise SimulationError(path, where, f"simulated rotors know powers up to {ORDER}")
     return powers["u_u"], powers["u_l"]

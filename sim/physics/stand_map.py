@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_params import bounded
-from sim.errors import WorldError
+from sim.errors import SimulationError
 
 Array = NDArray[np.float64]
 SIDES = (("upper", "left"), ("lower", "right"))
@@ -56,7 +56,7 @@ def read_map(path: Path) -> tuple[Side, Side]:
     points, each = _points(throttles)
     if points < LEAST_ROWS:
         problem = f"{points} rows in which both rotors turn; {LEAST_ROWS} at least make a map"
-        raise WorldError(path, "", problem)
+        raise SimulationError(path, "", problem)
     count = np.bincount(each)
     means = [{k: np.bincount(each, x[kept]) / count for k, x in s.items()} for s in sides]
     upper, lower = (Side(**s) for s in means)
@@ -65,7 +65,7 @@ def read_map(path: Path) -> tuple[Side, Side]:
         length, width = np.linalg.svd(cloud - cloud.mean(axis=0), compute_uv=False)
         if width <= NARROW * length:
             problem = f"a map has each rotor beside a slow and a fast one; here the {name} lie on a line"
-            raise WorldError(path, "", problem)
+            raise SimulationError(path, "", problem)
     return upper, lower
 
 
@@ -85,14 +85,14 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
         text = bounded.read_text(path, bounded.TEXT)
         head, *lines = [line for line in csv.reader(text.splitlines()) if line] or [[]]
     except OSError as error:
-        raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
+        raise SimulationError(path, "", f"cannot be read ({error.strerror})") from error
     except bounded.Unreadable as error:
-        raise WorldError(path, error.where, error.problem) from error
+        raise SimulationError(path, error.where, error.problem) from error
     except csv.Error as error:
-        raise WorldError(path, "", f"a table with commas is expected ({error})") from error
+        raise SimulationError(path, "", f"a table with commas is expected ({error})") from error
     for n, line in enumerate(lines, 2):
         if len(line) != len(head):
-            raise WorldError(path, f"row {n}", f"{len(head)} cells are expected, found {len(line)}")
+            raise SimulationError(path, f"row {n}", f"{len(head)} cells are expected, found {len(line)}")
     return [name.strip().lstrip("\ufeff").lower() for name in head], lines
 
 
@@ -110,7 +110,7 @@ def _columns(
         elif foreign:
             side[kind] = _numbers(path, names, lines, foreign[0]) * scale + offset
         elif kind in NEEDED:
-            raise WorldError(path, f"{ours}_{kind}", "a stand map has this column of each rotor")
+            raise SimulationError(path, f"{ours}_{kind}", "a stand map has this column of each rotor")
     if np.nansum(side["torque_Nm"]) < 0.0:  # cells read the two sides against each other
         side["torque_Nm"] = -side["torque_Nm"]
     return side
@@ -124,5 +124,5 @@ def _numbers(path: Path, names: list[str], lines: list[list[str]], column: int) 
             out[n] = float(line[column]) if line[column].strip() else np.nan
         except ValueError:
             where = f"row {n + 2}, {names[column]}"
-            raise WorldError(path, where, f"a number is expected, found {line[column]!r}") from None
+            raise SimulationError(path, where, f"a number is expected, found {line[column]!r}") from None
     return out

@@ -39,7 +39,7 @@ class CoaxModule:
     def __init__(self, built: CoaxFirmware, rotors: int) -> None:
         self.built, self._rotors = built, rotors
         self.refused = [0] * 5
-        self.taken = self.handed_back = self._number = self._told = 0
+        self.taken = self.handed_back = self._number = self._commanded = 0
         self.share = 0.0
         self.stopped = 0  # motors that the failure detector took out (bit i)
         self._demand = [0.0] * 4
@@ -54,7 +54,7 @@ class CoaxModule:
         self._demand = [roll, pitch, yaw, thrust]
         self._own = self.built.law(roll, pitch, yaw, thrust)
         self._number = (self._number + 1) % WHOLE
-        self._told = (self._told + 1) % TURN
+        self._commanded = (self._commanded + 1) % TURN
         self._sent[self._number] = now, self.built.delivered(self._own)
         self._sent.pop((self._number - KEPT) % WHOLE, None)
 
@@ -75,7 +75,7 @@ class CoaxModule:
         followed = self._who if self._is_followed(now) else (0, 0, 0)
         data = [
             *self._demand, *followed[:2], self.taken, self._number, self.built.identity, followed[2],
-            self.share, self._told, facts[self._told],
+            self.share, self._commanded, facts[self._commanded],
         ]  # fmt: skip
         return m.MAVLink_debug_float_array_message(time_usec, b"coax", PAYLOAD_TYPE, data + [0.0] * 45)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.effects import FORMS, HiddenEffect
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.flight_log import columns
 from sim.physics.pair import Pair
 from sim.physics.plant import FOOT_Z_M, STEP_S, Plant
@@ -135,9 +135,11 @@ def make_design(
         a.store.recall(mixer)
         mix = a.mixer.mix
         if mix is None:
-            raise WorldError("table", "", "PX4 can make no mix of it")
+            raise SimulationError("table", "", "PX4 can make no mix of it")
         if mix.method == 0 or mix.airmode:
-            raise WorldError("table", "CA_METHOD, MC_AIRMODE", "only desaturation without airmode flies here")
+            raise SimulationError(
+                "table", "CA_METHOD, MC_AIRMODE", "only desaturation without airmode flies here"
+            )
         columns, curve = np.ascontiguousarray(mix.mix.T, np.float32), mix.thr_mdl_fac
     else:
         a.mixer = law = mixer
@@ -150,40 +152,40 @@ def make_design(
 
 
 def fly_quick(
-    design: FlightDesign, world: FlightWorld, log_every: int = 0
+    design: FlightDesign, simulation: FlightWorld, log_every: int = 0
 ) -> tuple[FlightFigures, dict[str, Array]]:
     """The flight's figures and, every `log_every` turns, the contract's flight log (columns by name).
 
     The same design and world give the same bytes on the same machine. Raises WorldError.
     """
-    return _BatchFlight(design, world, log_every).run()
+    return _BatchFlight(design, simulation, log_every).run()
 
 
 class _BatchFlight:
     """The arrays of one flight."""
 
-    def __init__(self, design: FlightDesign, world: FlightWorld, log_every: int) -> None:
+    def __init__(self, design: FlightDesign, simulation: FlightWorld, log_every: int) -> None:
         from sim.quick import kernel  # numba takes its time
 
-        for e in world.effects:
+        for e in simulation.effects:
             if e.name in NOT_FLOWN:
-                raise WorldError("effects", e.name, "is not for these flights; coaxlink sim has it")
-        if isinstance(world.plan, str) and world.plan not in PLANS:
-            raise WorldError("plan", world.plan, f"one of {', '.join(PLANS)} is expected")
-        self.k, self.design, self.world = kernel, design, world
+                raise SimulationError("effects", e.name, "is not for these flights; coaxlink sim has it")
+        if isinstance(simulation.plan, str) and simulation.plan not in PLANS:
+            raise SimulationError("plan", simulation.plan, f"one of {', '.join(PLANS)} is expected")
+        self.k, self.design, self.simulation = kernel, design, simulation
         self.plant = plant = Plant(design.vehicle, design.pair)
-        self.sensors = Sensors(plant, world.seed, read_s=1.0 / world.rate_hz)
-        self.total = round((world.settle_s + world.seconds) * world.rate_hz)
-        self.judged = round(world.settle_s * world.rate_hz)
-        self.steps = max(math.ceil(1.0 / (world.rate_hz * STEP_S) - 1e-9), 1)  # of the plant, a turn
-        self.waiting = sorted(world.effects, key=lambda e: e.onset_s)
+        self.sensors = Sensors(plant, simulation.seed, read_s=1.0 / simulation.rate_hz)
+        self.total = round((simulation.settle_s + simulation.seconds) * simulation.rate_hz)
+        self.judged = round(simulation.settle_s * simulation.rate_hz)
+        self.steps = max(math.ceil(1.0 / (simulation.rate_hz * STEP_S) - 1e-9), 1)  # of the plant, a turn
+        self.waiting = sorted(simulation.effects, key=lambda e: e.onset_s)
         n = design.vehicle.rotors
         self.memory = np.zeros(loops.MEMORY)
         self.memory[loops.M_HOVER] = design.hover
-        self.gusts, self.gust_noise = gusts_of(world.effects), np.random.default_rng(world.seed)
+        self.gusts, self.gust_noise = gusts_of(simulation.effects), np.random.default_rng(simulation.seed)
         self.demand, self.command, sums = np.zeros(loops.DEMAND), np.zeros(n), np.zeros(kernel.SUMS)
         sums[[kernel.A_LOWEST, kernel.A_WANTED]] = -np.inf
-        thin_every = max(round(THIN_S * world.rate_hz), 1)
+        thin_every = max(round(THIN_S * simulation.rate_hz), 1)
         thin = np.zeros((-(-(self.total - self.judged) // thin_every), 4 + n))
         log = np.zeros((-(-self.total // log_every) if log_every else 0, 15 + 2 * n))
         self.kept = kernel.Kept(sums, thin, thin_every, log, log_every)
@@ -194,18 +196,18 @@ class _BatchFlight:
         n, at = d.vehicle.rotors, p.index
         self.sensors.read()
         p.state[at.POS : at.POS + 3] = self._goals(0, 1)[0, :3]
-        p.swap_battery(self.world.charge)
+        p.swap_battery(self.simulation.charge)
         speeds = p.steady_speeds(d.hover_command)
         p.state[at.SPEED : at.SPEED + 2 * n] = [*speeds, *speeds]
 
     def _goals(self, first: int, last: int) -> Array:
-        w = self.world
+        w = self.simulation
         plan = PLANS[w.plan] if isinstance(w.plan, str) else w.plan
         return plan(np.arange(first, last) / w.rate_hz - w.settle_s, w.seed)
 
     def run(self) -> tuple[FlightFigures, dict[str, Array]]:
         """All turns; effects set in between the compiled stretches."""
-        k, w, d, p = self.k, self.world, self.design, self.plant
+        k, w, d, p = self.k, self.simulation, self.design, self.plant
         self._start()
         book = d.law.book() if d.law is not None else np.zeros(1, np.int64)
         address = d.law.address if d.law is not None else 0
@@ -247,7 +249,7 @@ class _BatchFlight:
         return np.concatenate(parts)
 
     def _turn_of(self, e: HiddenEffect) -> int:
-        return math.ceil(e.onset_s * self.world.rate_hz - 1e-9)
+        return math.ceil(e.onset_s * self.simulation.rate_hz - 1e-9)
 
     def _set_in(self, turn: int) -> None:
         """Switch on what has come due."""
@@ -259,7 +261,7 @@ class _BatchFlight:
                 rise(self.gusts, p.parameters)
 
     def _judge(self, turns: int, ended: int) -> FlightFigures:
-        k, a, rate = self.k, self.kept.sums, self.world.rate_hz
+        k, a, rate = self.k, self.kept.sums, self.simulation.rate_hz
         count = a[k.A_TURNS]
         if count == 0.0:
             return _flown([0.0, *[math.nan] * (len(FIGURES) - 2), self.plant.charge], ENDS[ended])

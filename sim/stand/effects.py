@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.documents import read_document, read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.pair import Pair
 from sim.stand import laws
 from sim.stand.grid import GRID, SUPPLY_V, THRUST_NOISE_N, TORQUE_NOISE_NM
@@ -91,20 +91,20 @@ def read_bench(path: Path) -> StandSetup:
     refuse_unknown(path, "", document, ("stand", "effects"))
     stand, tables, effects = document.get("stand", {}), document.get("effects", []), []
     if not isinstance(stand, dict) or not isinstance(tables, list):
-        raise WorldError(path, "stand, effects", "a table [stand] and tables [[effects]] are expected")
+        raise SimulationError(path, "stand, effects", "a table [stand] and tables [[effects]] are expected")
     for number, table in enumerate(tables, 1):
         where = f"effects[{number}]"
         name = table.get("name") if isinstance(table, dict) else None
         if not isinstance(name, str) or name not in SIZES:
-            raise WorldError(path, f"{where}.name", f"on a stand, one of {', '.join(SIZES)} is expected")
+            raise SimulationError(path, f"{where}.name", f"on a stand, one of {', '.join(SIZES)} is expected")
         refuse_unknown(path, where, table, ("name", "size", "onset_s", "channel", "law"))
         channel = table.get("channel", "lower_thrust")
         if channel not in CHANNELS:
-            raise WorldError(path, f"{where}.channel", f"one of {', '.join(CHANNELS)} is expected")
+            raise SimulationError(path, f"{where}.channel", f"one of {', '.join(CHANNELS)} is expected")
         law = table.get("law", "")
         if law and law not in laws.LAWS.get(name, ()):
             known = ", ".join(laws.LAWS.get(name, ("no law of its own",)))
-            raise WorldError(path, f"{where}.law", f"one of {known} is expected")
+            raise SimulationError(path, f"{where}.law", f"one of {known} is expected")
         effects.append(
             StandEffect(
                 name,
@@ -118,9 +118,9 @@ def read_bench(path: Path) -> StandSetup:
     pattern, drive = stand.get("pattern", "grid"), stand.get("drive", "rpm")
     sweeps = stand.get("sweeps", 1)
     if pattern not in ("grid", "ramps") or drive not in ("rpm", "throttle"):
-        raise WorldError(path, "stand", "pattern is grid or ramps, drive is rpm or throttle")
+        raise SimulationError(path, "stand", "pattern is grid or ramps, drive is rpm or throttle")
     if not isinstance(sweeps, int) or not 1 <= sweeps <= 50:
-        raise WorldError(path, "stand.sweeps", "1 to 50 sweeps are expected")
+        raise SimulationError(path, "stand.sweeps", "1 to 50 sweeps are expected")
     return StandSetup(tuple(effects), pattern, drive, sweeps)
 
 

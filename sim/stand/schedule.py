@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.documents import read_document, read_number, refuse_unknown
-from sim.errors import WorldError
+from sim.errors import SimulationError
 
 KEYS = ("seconds", "upper", "lower", "supply_V", "spacing_m", "shape", "what")
 STEP_S = 1.0
@@ -48,15 +48,15 @@ def read_schedule(path: Path) -> Schedule:
     rate = read_number(path, "rate_hz", document.get("rate_hz", 10.0))
     pieces = document.get("pieces")
     if not isinstance(pieces, list) or not pieces:
-        raise WorldError(path, "pieces", "an array of tables [[pieces]] is expected")
+        raise SimulationError(path, "pieces", "an array of tables [[pieces]] is expected")
     if not 0.1 <= rate <= 1000.0:
-        raise WorldError(path, "rate_hz", f"0.1 to 1000 is expected, found {rate:g}")
+        raise SimulationError(path, "rate_hz", f"0.1 to 1000 is expected, found {rate:g}")
     if len(pieces) > MOST_PIECES:
-        raise WorldError(path, "pieces", f"at most {MOST_PIECES} are expected, found {len(pieces)}")
+        raise SimulationError(path, "pieces", f"at most {MOST_PIECES} are expected, found {len(pieces)}")
     rows = [_piece(path, number, table, rate) for number, table in enumerate(pieces, 1)]
     rows_ = np.concatenate(rows)
     if len(rows_) / rate > LONGEST_S:
-        raise WorldError(path, "pieces", f"no more than {LONGEST_S:g} s are run")
+        raise SimulationError(path, "pieces", f"no more than {LONGEST_S:g} s are run")
     time = np.arange(1, len(rows_) + 1) / rate
     return Schedule(time, *rows_.T)
 
@@ -65,17 +65,17 @@ def _piece(path: Path, number: int, table: Any, rate: float) -> NDArray[np.float
     """(rows, 5) upper, lower, supply, spacing, number."""
     where = f"pieces[{number}]"
     if not isinstance(table, dict):
-        raise WorldError(path, where, "a table is expected")
+        raise SimulationError(path, where, "a table is expected")
     refuse_unknown(path, where, table, KEYS)
     seconds = read_number(path, f"{where}.seconds", table.get("seconds"))
     if seconds > LONGEST_S:
-        raise WorldError(path, f"{where}.seconds", f"no more than {LONGEST_S:g} s are run")
+        raise SimulationError(path, f"{where}.seconds", f"no more than {LONGEST_S:g} s are run")
     count = round(seconds * rate)
     if count < 1:
-        raise WorldError(path, f"{where}.seconds", f"at least one row is expected, found {seconds:g} s")
+        raise SimulationError(path, f"{where}.seconds", f"at least one row is expected, found {seconds:g} s")
     shape = table.get("shape", "ramp")
     if shape not in ("ramp", "steps"):
-        raise WorldError(path, f"{where}.shape", f"ramp or steps is expected, found {shape!r}")
+        raise SimulationError(path, f"{where}.shape", f"ramp or steps is expected, found {shape!r}")
     share = np.arange(1, count + 1) / count
     if shape == "steps":
         share = np.floor(np.arange(count) / (rate * STEP_S)) % 2
@@ -92,8 +92,8 @@ def _piece(path: Path, number: int, table: Any, rate: float) -> NDArray[np.float
 def _ends(path: Path, where: str, value: object, low: float, high: float) -> tuple[float, float]:
     ends = value if isinstance(value, list) else [value, value]
     if len(ends) != 2:
-        raise WorldError(path, where, "a number, or [from, to], is expected")
+        raise SimulationError(path, where, "a number, or [from, to], is expected")
     first, last = (read_number(path, where, v) for v in ends)
     if not (low <= first <= high and low <= last <= high):
-        raise WorldError(path, where, f"{low:g} to {high:g} is expected, found {value}")
+        raise SimulationError(path, where, f"{low:g} to {high:g} is expected, found {value}")
     return first, last

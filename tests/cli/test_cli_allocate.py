@@ -77,9 +77,9 @@ def test_the_effects_of_a_rotor_file_are_in_the_answer(tmp_path, capsys):
 
 def test_a_wrench_beyond_all_measure_fits_the_screen(capsys):
     assert coaxlink("allocate", X8, "--law", "exact", "--wrench=1e300,0,0,0") == 1
-    said = capsys.readouterr().out
-    assert "1e+300" in said
-    assert max(len(line) for line in said.splitlines()) <= 80
+    reported = capsys.readouterr().out
+    assert "1e+300" in reported
+    assert max(len(line) for line in reported.splitlines()) <= 80
 
 
 def test_rotors_that_do_not_lift_are_refused(tmp_path, capsys):
@@ -93,15 +93,15 @@ def test_rotors_that_do_not_lift_are_refused(tmp_path, capsys):
     lines[at] = f"{name}= -{number.strip()}"
     rotor.write_text(head + sep + "\n".join(lines))
     assert coaxlink("allocate", X8, "--rotor", str(rotor), "--wrench", "196.2,0,0,0") == 2
-    said = capsys.readouterr().err.strip()
-    assert len(said.splitlines()) == 1
-    assert "upper.thrust_N" in said
+    reported = capsys.readouterr().err.strip()
+    assert len(reported.splitlines()) == 1
+    assert "upper.thrust_N" in reported
 
 
 def test_out_of_reach_is_said_in_words_and_is_exit_1(tmp_path, capsys):
     out, wrong = tmp_path / "a.json", {}
     full = "of 900 N; all rotors at a bound"
-    for law, wrench, code, said in (
+    for law, wrench, code, reported in (
         *((law, "900,0,0,0", 1, f"out of reach of the {law} law: thrust 476.1 {full}")
           for law in ("standard", "reduced", "coaxial", "exact")),
         ("exact", "476,0,0,0", 0, ""),
@@ -115,7 +115,7 @@ def test_out_of_reach_is_said_in_words_and_is_exit_1(tmp_path, capsys):
     ):  # fmt: skip
         found = coaxlink("allocate", X8, "--law", law, f"--wrench={wrench}", "--json", str(out))
         shown = capsys.readouterr()
-        if found != code or said not in shown.err or ("out of reach" in shown.err) != bool(code):
+        if found != code or reported not in shown.err or ("out of reach" in shown.err) != bool(code):
             wrong[law, wrench] = found, shown.err
         assert "thrust N" in shown.out and json.loads(out.read_text())["law"] == law  # said all the same
     assert not wrong

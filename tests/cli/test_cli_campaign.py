@@ -80,23 +80,23 @@ def test_ctrl_c_keeps_what_is_done(spec, tmp_path) -> None:
             break
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it, too
     try:
-        said = process.communicate(timeout=600)[1]
+        reported = process.communicate(timeout=600)[1]
     finally:
         process.kill()
-    assert process.returncode == 130, said
-    assert "of 200000; the same command goes on from there" in said and "Traceback" not in said
+    assert process.returncode == 130, reported
+    assert "of 200000; the same command goes on from there" in reported and "Traceback" not in reported
     assert any((tmp_path / "c" / "rows").glob("*.parquet"))
 
 
 @pytest.mark.slow
 def test_what_is_wrong_is_one_line(spec, tmp_path) -> None:
-    for arguments, code, said in (
+    for arguments, code, reported in (
         (("campaign", "none.toml"), 2, "none.toml: cannot be read"),
         (("campaign", spec, "--replay", "24"), 2, "--replay: 24: a cell from 0 to 23 is expected"),
         (("campaign", spec, "--out", "/proc/none"), 2, "/proc/none: cannot be written"),
     ):
         ended = coaxlink(*arguments)
-        assert ended.code == code and said in ended.err, ended
+        assert ended.code == code and reported in ended.err, ended
         assert "Traceback" not in ended.err
     plan = coaxlink("campaign", spec, "--dry-run")
     assert plan.code == 0 and "24 flights of 4 s: 12 draws x standard, reduced" in plan.out

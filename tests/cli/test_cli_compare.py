@@ -27,8 +27,8 @@ def test_rows_say_what_each_law_is_known_for(tmp_path, capsys):
     least = min(row["power"] for law, row in rows.items() if max(row["max_error"]) < 0.5)
     assert rows["exact"]["power"] <= least * 1.001
     assert png.read_bytes().startswith(b"\x89PNG")
-    said = capsys.readouterr().out
-    assert "fitted" in said and "e-0" not in said  # no 6e-08 where there is no error
+    reported = capsys.readouterr().out
+    assert "fitted" in reported and "e-0" not in reported  # no 6e-08 where there is no error
     assert rows["curved"]["most_thrust_N"] == pytest.approx(rows["standard"]["most_thrust_N"], rel=0.01)
     assert rows["curved"]["mean_error"] != rows["standard"]["mean_error"]
 
@@ -38,8 +38,8 @@ def test_the_first_line_says_whether_to_bother(tmp_path, capsys):
     out = tmp_path / "c.json"
     arguments = ["compare", str(EXAMPLES / "x8_paper.toml"), "--rows", "20", "--battery-wh", "700"]
     assert run(build_app(), [*arguments, "--light", "18", "--heavy", "22", "--json", str(out)]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert said.startswith("The fitted table saves 4.9%") and "from 18 to 22 kg" in said
+    reported = " ".join(capsys.readouterr().out.split())
+    assert reported.startswith("The fitted table saves 4.9%") and "from 18 to 22 kg" in reported
     worth = json.loads(out.read_text())["worth"]
     assert worth["summary"][0].startswith("The fitted table saves") and worth["left_out"] == {}
     tables = {row["table"]: row for row in worth["tables"]}

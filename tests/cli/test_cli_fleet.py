@@ -41,10 +41,10 @@ def test_the_ailing_rotor_of_a_fleet_is_named(tmp_path):
 @pytest.mark.slow
 def test_what_a_fleet_cannot_give_is_one_line(tmp_path):
     (tmp_path / "logs").mkdir()
-    for arguments, said in (
+    for arguments, reported in (
         ((tmp_path / "logs",), "no logs there"),
         ((tmp_path / "logs", tmp_path / "logs"), "a fleet is one folder"),
         ((tmp_path / "logs", "--out", tmp_path / "r.toml"), "a fleet has no one model"),
     ):
         ended = coaxlink("refine", *arguments)
-        assert ended.code == 2 and said in ended.err and "Traceback" not in ended.err, ended
+        assert ended.code == 2 and reported in ended.err and "Traceback" not in ended.err, ended

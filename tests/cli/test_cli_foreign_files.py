@@ -320,9 +320,9 @@ def test_the_right_rotor_or_a_refusal(tmp_path: Path, capsys: pytest.CaptureFixt
             folder.mkdir()
             out = folder / "rotor.toml"
             code = coaxlink("identify", make(folder), *CRM, "--all", "--out", out, *options)
-            said = capsys.readouterr().err
+            reported = capsys.readouterr().err
             with case(name):
-                assert code == expected % 10 and words in said, said
+                assert code == expected % 10 and words in reported, reported
                 assert out.exists() == (code == 0)
                 if expected == RIGHT and "one rotor" in words:
                     assert off(out, ALONE_U, 0 * ALONE_U, alone=True) < 0.05
@@ -350,8 +350,8 @@ def test_numbers_without_units_are_right_or_refused(
             "--out",
             out,
         )
-        said = capsys.readouterr().err
-        assert (code == 2 and "unit of a" in said) or (code == 0 and off(out) < 0.05)
+        reported = capsys.readouterr().err
+        assert (code == 2 and "unit of a" in reported) or (code == 0 and off(out) < 0.05)
 
 
 @pytest.mark.slow

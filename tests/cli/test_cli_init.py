@@ -60,7 +60,7 @@ def test_a_board_becomes_a_vehicle(tmp_path, firmware):
 @pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside this checkout")
 def test_real_boards_logs(tmp_path):
     with case_table() as case:
-        for log, code, said in (
+        for log, code, reported in (
             ("flights/px4_null_fitted.ulg", 0, "nothing to mend"),
             ("logs/sample_log_small.ulg", 2, "CA_ROTOR_COUNT"),
             ("flights/ap_null.bin", 2, "coaxlink_matrix.lua"),
@@ -69,7 +69,7 @@ def test_real_boards_logs(tmp_path):
             out = tmp_path / f"{Path(log).stem}.toml"
             with case(log):
                 run = coaxlink("init", out, "--mass", "20", "--from", SHARED / log)
-                assert run.code == code and said in run.out + run.err
+                assert run.code == code and reported in run.out + run.err
                 assert out.exists() == (code == 0)
 
 
@@ -77,7 +77,7 @@ def test_real_boards_logs(tmp_path):
 def test_what_is_missing_is_one_line(tmp_path):
     x8 = ["--mass", "20", "--template", "x8"]
     with case_table() as case:
-        for arguments, said in (
+        for arguments, reported in (
             (["--mass", "20"], "--template"),
             (["--mass", "20", "--template", "x9"], "x8, coax-quad"),
             (x8, "--arm"),
@@ -87,10 +87,10 @@ def test_what_is_missing_is_one_line(tmp_path):
             ([*x8, "--arm", "1", "--spacing", "0.1", "--upper", "a"], "--upper"),
             (["--mass", "20", "--from", "nowhere.params"], "nowhere.params"),
         ):
-            with case(said):
+            with case(reported):
                 run = coaxlink("init", tmp_path / "a.toml", *arguments)
                 assert run.code == 2 and len(run.err.strip().splitlines()) == 1
-                assert said in run.err and not (tmp_path / "a.toml").exists()
+                assert reported in run.err and not (tmp_path / "a.toml").exists()
 
 
 def test_mistakes_are_exit_code_1(tmp_path):
@@ -111,12 +111,12 @@ def test_a_board_whose_rotor_has_no_output_is_made_and_ends_with_1(tmp_path):
     run = coaxlink("init", tmp_path / "v.toml", "--from", board, *sizes)
     assert run.code == 1 and (tmp_path / "v.toml").exists()
     assert "error: airframe.outputs: no output drives rotor 3" in run.out
-    for said in (
+    for reported in (
         "'@include more.parm' was not followed",
         "SERVO3_FUNCTION 4 (aileron)",
         "FRAME_TYPE stands nowhere",
     ):
-        assert said in run.err
+        assert reported in run.err
 
 
 def test_examples_are_listed_and_copied(tmp_path):
@@ -165,5 +165,5 @@ def test_a_guess_says_how_it_is_measured(tmp_path):
     assert load_airframe(tmp_path / "a.toml").sources["motor_lag_s"] == "default"
     given = coaxlink("init", tmp_path / "b.toml", *x8, "--inertia", "0.9,0.9,1.6", "--lag", "0.03")
     assert "guessed" not in given.err
-    told = load_airframe(tmp_path / "b.toml")
-    assert told.motor_lag_s == 0.03 and set(told.sources.values()) == {"declared"}
+    determined = load_airframe(tmp_path / "b.toml")
+    assert determined.motor_lag_s == 0.03 and set(determined.sources.values()) == {"declared"}

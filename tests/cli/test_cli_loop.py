@@ -18,8 +18,8 @@ def test_a_truth_that_is_none_is_one_line(tmp_path, capsys):
     truth = tmp_path / "truth.toml"
     truth.write_text('[[effects]]\nname = "gremlins"\nsize = 1.0\n')
     assert run(build_app(), ["loop", "--truth", str(truth), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1 and str(truth) in said[0] and "effects[1].name" in said[0]
+    reported = capsys.readouterr().err.strip().splitlines()
+    assert len(reported) == 1 and str(truth) in reported[0] and "effects[1].name" in reported[0]
     assert not (tmp_path / "out").exists()
 
 
@@ -42,8 +42,8 @@ def test_a_terminated_loop_leaves_the_folder_and_no_child(tmp_path):
     worlds = children(process.pid)
     assert worlds and (out / "tables").exists()
     process.send_signal(signal.SIGTERM)  # as Ctrl-C, which test_cli_campaign sends
-    _, said = process.communicate(timeout=600)
-    assert process.returncode == 130 and said.strip().endswith("coaxlink: interrupted")
+    _, reported = process.communicate(timeout=600)
+    assert process.returncode == 130 and reported.strip().endswith("coaxlink: interrupted")
     assert [p.name for p in out.iterdir()] == ["report.html"]
     assert (out / "report.html").read_text() == "the one before"
     for world in worlds:

@@ -17,7 +17,7 @@ TINY = re.compile(r"\d(?:\.\d+)?e-\d+")
 BROKEN = re.compile(r"(?:\.\.|±)\s*(?:│|$)", re.MULTILINE)  # an interval whose end stands below
 NAMES = ("x8_demo.toml", "rotor_paper.toml", "stand_eq17.csv")
 X8, ROTOR, STAND = (str(files.example(n)) for n in NAMES)
-SAID = [
+REPORTED = [
     ["compare", X8, "--rotor", ROTOR, "--rows", "20"],
     ["table", X8, "--firmware", "px4"],
     ["table", X8, "--firmware", "ardupilot", "--frame-class", "17"],
@@ -33,7 +33,7 @@ def test_a_narrow_screen_has_the_words_of_a_wide_one(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     show, failed = consoles.PlainConsole.print, {}
-    for line in SAID:
+    for line in REPORTED:
         narrow, wide = (consoles.PlainConsole(width=w, file=io.StringIO()) for w in (80, 2000))
 
         def both(_, *objects, screens=(narrow, wide), **options):
@@ -43,13 +43,13 @@ def test_a_narrow_screen_has_the_words_of_a_wide_one(monkeypatch, tmp_path):
         monkeypatch.setattr(consoles.PlainConsole, "print", both)
         code = run(build_app(), line)
         monkeypatch.setattr(consoles.PlainConsole, "print", show)
-        said, whole = narrow.file.getvalue().replace(consoles.JOINED, " "), wide.file.getvalue()
+        reported, whole = narrow.file.getvalue().replace(consoles.JOINED, " "), wide.file.getvalue()
         wrong = {
             "exit code": code,
-            "cut words": set(LINES.split(said)) - set(LINES.split(whole)),
+            "cut words": set(LINES.split(reported)) - set(LINES.split(whole)),
             "rounding": TINY.findall(whole),
-            "broken intervals": BROKEN.findall(said),
-            "long lines": [text for text in said.splitlines() if cell_len(text) > 80],
+            "broken intervals": BROKEN.findall(reported),
+            "long lines": [text for text in reported.splitlines() if cell_len(text) > 80],
             "nothing": not whole.strip(),
         }
         failed |= {" ".join(line): wrong} if any(wrong.values()) else {}
@@ -78,9 +78,11 @@ def test_columns_that_do_not_fit_stand_below_beside_the_first():
     table.add_row("1 upper", *(f"{n}.25" for n in range(9)))
     console = consoles.PlainConsole(width=80, file=io.StringIO())
     console.print(table)
-    said = console.file.getvalue()
-    assert all(name in said for name in names) and said.count("rotor") == said.count("1 upper") > 1
-    assert max(map(len, said.splitlines())) <= 80
+    reported = console.file.getvalue()
+    assert (
+        all(name in reported for name in names) and reported.count("rotor") == reported.count("1 upper") > 1
+    )
+    assert max(map(len, reported.splitlines())) <= 80
 
 
 def test_rounding_is_no_error():

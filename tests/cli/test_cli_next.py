@@ -44,7 +44,7 @@ def test_a_weak_rotor_calls_for_a_screwdriver_not_for_a_table():
 
 def test_other_answers():
     with case_table() as case:
-        for found, said in (
+        for found, reported in (
             (answer(), "nothing to mend"),
             (answer(more=None), "nothing to mend"),
             (answer(more=0.8), "a longer flight would show what may be there"),
@@ -63,9 +63,9 @@ def test_other_answers():
             (answer(unexplained=[SimpleNamespace(depends_on=("power_of_50_s",))]), "after a rest"),
             (answer(unexplained=[SimpleNamespace(depends_on=("time_s",))]), "record more of what acts"),
         ):
-            with case(f"{found}, {said}"):
+            with case(f"{found}, {reported}"):
                 line = after_refine(found, None, True)
-                assert said in line and "\n" not in line
+                assert reported in line and "\n" not in line
 
 
 def test_what_is_left_above_the_noise_is_not_said_to_be_explained():
@@ -83,8 +83,8 @@ def test_every_effect_can_be_put_into_a_table_or_says_why_not():
 
 def test_demands_without_an_answer_are_told_with_their_reasons():
     counters = Counters(late=3, settling=2)
-    said = unanswered(counters.unanswered())
-    assert "3 no newer than the one before" in said and "2 while three good ones" in said
+    reported = unanswered(counters.unanswered())
+    assert "3 no newer than the one before" in reported and "2 while three good ones" in reported
     assert unanswered(Counters().unanswered()) == ""
     for reason in counters.unanswered():  # every reason there is has its words
         assert unanswered({reason: 1}).startswith("not answered: 1 ")

@@ -30,11 +30,11 @@ NOT_LIBRARY = {
 def texts(path):
     """Every string of a source file but its docstrings, with its line."""
     tree = ast.parse(path.read_text())
-    said = {
+    reported = {
         id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in reported:
             yield node.lineno, node.value
 
 
@@ -78,7 +78,7 @@ def test_every_option_in_the_table_is_one_of_a_verb():
 
 def test_a_verb_says_it_in_its_own_words():
     with case_table() as case:
-        for said, shown in (
+        for reported, shown in (
             ("`upper`: rotor numbers are expected", "--upper: rotor numbers are expected"),
             ("a map states it (`columns`): x", "a map states it (--columns MAP.toml): x"),
             (
@@ -87,5 +87,5 @@ def test_a_verb_says_it_in_its_own_words():
             ),
             ("column `speed` of their file", "column `speed` of their file"),
         ):
-            with case(f"{said}, {shown}"):
-                assert by_option(said) == shown
+            with case(f"{reported}, {shown}"):
+                assert by_option(reported) == shown

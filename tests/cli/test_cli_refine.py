@@ -58,8 +58,8 @@ def test_a_place_that_cannot_be_written_is_said_before_the_work(folder, capsys):
     (folder / "file").write_text("in the way")
     places = ("--json", folder / "r2.json", "--out", folder / "file" / "b.toml")
     code = run("refine", folder / "stand.csv", *places)
-    said = capsys.readouterr().err.strip().splitlines()
-    assert code == 2 and len(said) == 1 and "b.toml" in said[0] and "cannot be written" in said[0]
+    reported = capsys.readouterr().err.strip().splitlines()
+    assert code == 2 and len(reported) == 1 and "b.toml" in reported[0] and "cannot be written" in reported[0]
     assert not (folder / "r2.json").exists()
 
 
@@ -97,8 +97,8 @@ def test_an_interrupted_refine_leaves_the_files_of_before(tmp_path, stage):
     while not reached.exists() and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=600.0)
-    assert process.returncode == 130 and said.strip().endswith("coaxlink: interrupted")
+    _, reported = process.communicate(timeout=600.0)
+    assert process.returncode == 130 and reported.strip().endswith("coaxlink: interrupted")
     assert sorted(p.name for p in folder.iterdir()) == ["b.toml", "r.html", "r.json", "s.csv"]
     assert {(folder / name).read_text() for name in names} == {"the one before"}
 
@@ -106,8 +106,8 @@ def test_an_interrupted_refine_leaves_the_files_of_before(tmp_path, stage):
 def test_bad_input_is_one_line(folder, capsys):
     (folder / "short.csv").write_text("time_s,motor1\n0,0.5\n0.1,0.5\n")
     assert run("refine", folder / "short.csv", "--json", folder / "no.json") == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1 and "short.csv" in said[0] and "column" in said[0]
+    reported = capsys.readouterr().err.strip().splitlines()
+    assert len(reported) == 1 and "short.csv" in reported[0] and "column" in reported[0]
     assert not (folder / "no.json").exists()
     assert run("refine", folder / "short.csv", folder / "stand.csv") == 2
     assert "one kind at a time" in capsys.readouterr().err

@@ -119,8 +119,8 @@ def test_a_verb_is_loaded_when_it_is_called():
         "    names = [m.split('.') for m in sys.modules if m.startswith('coaxlink.cli.')]\n"
         "    print('loaded', *(n[2] for n in names if n[2] != 'shared'))\n"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    loaded = [line.split()[1:] for line in said.splitlines() if line.startswith("loaded")]
+    reported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    loaded = [line.split()[1:] for line in reported.splitlines() if line.startswith("loaded")]
     assert loaded[:2] == [[], []] and set(loaded[2]) == {"restore", "upload"}  # what it shares options with
 
 
@@ -155,8 +155,8 @@ def test_values_complete(line, values):
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split(" ")) - 1),
     }
-    said = subprocess.run([sys.executable, "-m", "coaxlink"], env=env, capture_output=True, text=True)
-    assert said.stdout.split() == values.split()
+    reported = subprocess.run([sys.executable, "-m", "coaxlink"], env=env, capture_output=True, text=True)
+    assert reported.stdout.split() == values.split()
 
 
 def test_a_vehicle_s_file_says_where_it_is(capsys, tmp_path):
@@ -166,14 +166,14 @@ def test_a_vehicle_s_file_says_where_it_is(capsys, tmp_path):
     (tmp_path / "none.toml").write_text(plain)
     (tmp_path / "odd.toml").write_text(f'{plain}\n[defaults]\nconect = "udpout:127.0.0.1:9"\n')
     rotor = ["--rotor", str(example("rotor_paper.toml"))]
-    for file, words, said in (
+    for file, words, reported in (
         ("x8", [], "udpout:127.0.0.1: a port"),
         ("x8", ["--connect", "tcp:"], "tcp:: "),
         ("none", [], "--connect: an address is expected, or once for all [defaults] connect in"),
         ("odd", [], "defaults.conect"),
     ):
         assert run(build_app(), ["mix", str(tmp_path / f"{file}.toml"), *rotor, *words]) == 2
-        assert said in capsys.readouterr().err
+        assert reported in capsys.readouterr().err
     kept = tmp_path / "tables" / "vehicle"
     kept.mkdir(parents=True)
     (kept / "airframe.toml").write_bytes((tmp_path / "x8.toml").read_bytes())
@@ -202,7 +202,7 @@ def test_completion_knows_verbs_and_options(tmp_path):
 @pytest.mark.parametrize(
     ("shell_found", "said"), [(("tcsh", "/bin/tcsh"), "found tcsh"), (None, "found none")]
 )
-def test_a_shell_that_cannot_be_completed_for_is_one_line(capsys, monkeypatch, shell_found, said):
+def test_a_shell_that_cannot_be_completed_for_is_one_line(capsys, monkeypatch, shell_found, reported):
     def detect():
         if shell_found is None:
             raise shellingham.ShellDetectionFailure
@@ -212,7 +212,7 @@ def test_a_shell_that_cannot_be_completed_for_is_one_line(capsys, monkeypatch, s
     assert run(build_app(), ["--install-completion"]) == 2
     assert capsys.readouterr().err == (
         "coaxlink: --install-completion: one of bash, zsh, fish, powershell, pwsh is expected to start it, "
-        f"{said}\n"
+        f"{reported}\n"
     )
 
 
@@ -293,15 +293,15 @@ def test_streams_that_are_closed_or_full_are_one_line():
     ]
     with case_table() as case:
         for unbuffered in ("", "1"):
-            for line, code, said in rows:
+            for line, code, reported in rows:
                 with case(f"{line} {unbuffered}"):
                     done = subprocess.run(
                         ["bash", "-o", "pipefail", "-c", f"{command} {line}"],
                         env={**os.environ, "PYTHONUNBUFFERED": unbuffered}, capture_output=True, text=True,
                     )  # fmt: skip
                     assert done.returncode == code, done.stderr
-                    if said is not None:
-                        assert len(done.stderr.splitlines()) == 1 and said in done.stderr
+                    if reported is not None:
+                        assert len(done.stderr.splitlines()) == 1 and reported in done.stderr
 
 
 @pytest.mark.slow

@@ -107,9 +107,12 @@ def test_beside_a_board_the_price_and_the_loops_are_told(capsys):
         arguments = ["--firmware", "px4", "--law", "reduced", "--connect", board.url]
         code, out, err = _run(capsys, X8, *arguments)
     assert "system 1: PX4 1.16.1 at" in err
-    said = " ".join(out.split())
-    assert code == 0 and said.count("; on board ") == 3
-    assert "rate loops: the same demand gives" in said and "times the moment that it gives on board" in said
+    reported = " ".join(out.split())
+    assert code == 0 and reported.count("; on board ") == 3
+    assert (
+        "rate loops: the same demand gives" in reported
+        and "times the moment that it gives on board" in reported
+    )
 
 
 def test_nothing_is_made_around_a_weak_rotor_unasked(tmp_path, capsys):

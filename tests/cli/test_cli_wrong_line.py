@@ -109,10 +109,10 @@ TABLES = {
 
 
 def test_a_bad_table_is_two_and_names_its_line(capsys):
-    for case, (text, said) in TABLES.items():
+    for case, (text, reported) in TABLES.items():
         Path("t/x8.params").unlink(missing_ok=True)
         if text is not None:
             Path("t/x8.params").write_text(text)
         for verb in ("upload", "verify"):
             code, _, err = run(capsys, *verbs("udpout:127.0.0.1:9")[verb])
-            assert code == 2 and len(err.splitlines()) == 1 and re.search(said, err), (case, err)
+            assert code == 2 and len(err.splitlines()) == 1 and re.search(reported, err), (case, err)

@@ -10,7 +10,7 @@ import pytest
 from coaxlink.data import read_flight_log
 from coaxlink.data.logs.changes import periods
 from coaxlink.files import example
-from sim.world import World, build_plant
+from sim.simulation import Simulation, build_plant
 
 CURVES = {250: 0.9, 420: 0.2}  # THR_MDL_FAC from that step on
 
@@ -33,7 +33,7 @@ def test_a_curve_changed_in_flight_is_undone_from_there_on(tmp_path: Path) -> No
     from sim.px4.autopilot import Autopilot
     from sim.px4.logger import UlogLogger
 
-    plant, truth = build_plant(World(example("x8_demo.toml")))
+    plant, truth = build_plant(Simulation(example("x8_demo.toml")))
     pilot = Autopilot(plant, truth, version=(1, 16, 1), seed=0)
     UlogLogger(pilot)
     pilot.store.preset("SDLOG_MODE", 2)

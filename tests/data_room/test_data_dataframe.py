@@ -55,7 +55,7 @@ def test_missing_values_and_whole_numbers_are_floats():
 
 def test_what_is_no_table_of_numbers_is_refused_by_name():
     with case_table() as case:
-        for frame, said in (
+        for frame, reported in (
             (pd.DataFrame({"upper_rpm": ["fast"]}), "column upper_rpm: numbers are expected"),
             (pd.DataFrame({"upper_rpm": [1 + 2j]}), "column upper_rpm: numbers are expected"),
             (pd.DataFrame({"t": pd.to_datetime(["2024-05-01"])}), "column t: numbers are expected"),
@@ -64,7 +64,7 @@ def test_what_is_no_table_of_numbers_is_refused_by_name():
             (pd.DataFrame({"upper_rpm": []}, dtype=float), "rows and columns are expected"),
             ({"upper_rpm": [1.0]}, "a pandas DataFrame is expected, found dict"),
         ):
-            with case(said), pytest.raises(InputError, match=said):
+            with case(reported), pytest.raises(InputError, match=reported):
                 Samples.from_dataframe(frame)
 
 

@@ -145,9 +145,9 @@ def test_motors_without_a_range_run_as_the_radio_s_throttle(tmp_path: Path) -> N
 def test_formats_that_hold_one_another_beyond_a_message_end_in_a_line(tmp_path: Path) -> None:
     def log(*formats: str, ids: int = 1) -> bytes:
         head = b"ULog\x01\x12\x35\x01" + bytes(8) + framed("B", bytes(40))
-        told = [framed("F", text.encode()) for text in formats]
-        told += [framed("A", struct.pack("<BH", k % 250, k) + b"vehicle_attitude") for k in range(ids)]
-        return head + b"".join(told) + framed("D", struct.pack("<HQ", 0, 1))
+        determined = [framed("F", text.encode()) for text in formats]
+        determined += [framed("A", struct.pack("<BH", k % 250, k) + b"vehicle_attitude") for k in range(ids)]
+        return head + b"".join(determined) + framed("D", struct.pack("<HQ", 0, 1))
 
     chain = [f"f{k}:f{k + 1}[1000] a;f{k + 1}[1000] b;" for k in range(12)] + ["f12:float x;"]
     deep = [f"f{k}:f{k + 1} a;" for k in range(3000)] + ["f3000:float x;"]

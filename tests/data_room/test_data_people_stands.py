@@ -140,10 +140,10 @@ def test_one_cell_under_the_pair_is_a_model_of_the_sum(tmp_path: Path) -> None:
                 assert is_pair(of_each_rotor(log))
                 found = pair_sum(log)
                 u, v = grid()
-                said = found.fits["pair_thrust_N"].predict(u, v)
+                reported = found.fits["pair_thrust_N"].predict(u, v)
                 loads = PAIR.loads(u, v)
                 np.testing.assert_allclose(
-                    said, loads["upper_thrust"] + loads["lower_thrust"], atol=0.02 * said.max()
+                    reported, loads["upper_thrust"] + loads["lower_thrust"], atol=0.02 * reported.max()
                 )
                 assert ("pair_torque_Nm" in found.fits) == (name != "a torque in N")
                 with pytest.raises(InputError, match="both rotors together"):

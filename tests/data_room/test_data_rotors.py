@@ -85,8 +85,8 @@ def test_letters_are_identified_by_the_data(tmp_path: Path) -> None:
                     with case(f"{style} {order} {len(rows['upper_speed'])}"):
                         log = read_stand_log(put(tmp_path, columns_of(rows, style, LOADS, order)))
                         assert wrong(log, rows) == []
-                        said = " ".join(log.notes)
-                        assert "by the data" in said and "% of the thrust of" in said
+                        reported = " ".join(log.notes)
+                        assert "by the data" in reported and "% of the thrust of" in reported
 
 
 def test_what_the_rows_do_not_show_is_not_guessed(tmp_path: Path) -> None:
@@ -127,10 +127,10 @@ def test_what_no_propeller_reads_is_refused_and_no_unit_is_put_against_a_heading
                 refused = pytest.raises(InputError, match="no propeller")
                 with case(f"{quantity} of {sides} in {unit}"), refused as caught:
                     read_stand_log(path, upper="A", trust_units=False, diameter_m=0.4)
-                said, whose = str(caught.value), "" if sides == SIDES else " of the upper rotor"
-                assert "unit =" not in said and "as they stand" in said
-                fits = re.search(rf"the {quantity}{whose} times ([-+.e0-9]+) to ([-+.e0-9]+)", said)
-                assert fits is not None, said
+                reported, whose = str(caught.value), "" if sides == SIDES else " of the upper rotor"
+                assert "unit =" not in reported and "as they stand" in reported
+                fits = re.search(rf"the {quantity}{whose} times ([-+.e0-9]+) to ([-+.e0-9]+)", reported)
+                assert fits is not None, reported
                 assert 0.9 * float(fits[1]) <= 1 / factor <= 1.1 * float(fits[2])
 
 
@@ -162,11 +162,11 @@ def test_a_refusal_for_headings_carries_a_map_that_can_be_pasted(tmp_path: Path)
     path = put(tmp_path, columns)
     with pytest.raises(InputError, match="unit of a speed expected") as caught:
         read_stand_log(path, trust_units=False)
-    said = caught.value.map
+    reported = caught.value.map
     assert "\n" not in str(caught.value)
-    assert 'upper_thrust_N = { column = "LC_A [gf]", unit = "gf" }' in said.splitlines()
-    assert "# A is taken for the upper rotor" in said and "make sure of upper_rpm" in said
-    (tmp_path / "map.toml").write_text(said)
+    assert 'upper_thrust_N = { column = "LC_A [gf]", unit = "gf" }' in reported.splitlines()
+    assert "# A is taken for the upper rotor" in reported and "make sure of upper_rpm" in reported
+    (tmp_path / "map.toml").write_text(reported)
     log = read_stand_log(path, tmp_path / "map.toml", trust_units=False)
     assert wrong(log, TRUE) == [] and "sign of lower_torque_Nm turned" in log.notes
     cells = {heading: values for heading, values in columns.items() if heading.startswith("LC")}

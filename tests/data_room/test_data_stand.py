@@ -53,10 +53,10 @@ def test_platform_headings_grams_pwm_and_signs(tmp_path: Path) -> None:
         "lower_throttle": [0.25, 0.25],
     }.items():
         np.testing.assert_allclose(log[name], expected)
-    said = "\n".join(log.notes)
-    assert "1 of 3 rows dropped" in said and "line 2" in said
-    assert "sign of upper_torque_Nm turned" in said
-    assert "Total Thrust [g]" in said and not any("Total" in name for name in log.columns)
+    reported = "\n".join(log.notes)
+    assert "1 of 3 rows dropped" in reported and "line 2" in reported
+    assert "sign of upper_torque_Nm turned" in reported
+    assert "Total Thrust [g]" in reported and not any("Total" in name for name in log.columns)
 
 
 def test_a_foreign_file_with_a_column_of_ours_is_a_foreign_file(tmp_path: Path) -> None:
@@ -215,9 +215,9 @@ def test_logs_of_one_propeller_joined() -> None:
     both = join([only, log_of("alone", upper_rpm=[9.0], upper_thrust_N=[10.0])])
     assert both["upper_rpm"].tolist() == [1, 2, 9] and both["lower_rpm"].tolist() == [3, 4, 0]
     np.testing.assert_array_equal(both["lower_thrust_N"], [7, 8, np.nan])
-    said = "\n".join(both.notes)
-    assert not both.has("voltage_V") and "left out, not in every log: voltage_V" in said
-    assert "read pair" in said and "alone (1 rows)" in said
+    reported = "\n".join(both.notes)
+    assert not both.has("voltage_V") and "left out, not in every log: voltage_V" in reported
+    assert "read pair" in reported and "alone (1 rows)" in reported
     part = join([only, log_of("part", **{k: v for k, v in pair.items() if k != "lower_thrust_N"})])
     assert np.isnan(part["lower_thrust_N"][2:]).all() and part["lower_rpm"].tolist() == [3, 4, 3, 4]
     with pytest.raises(InputError, match="throttled: column upper_rpm: missing"):
@@ -240,8 +240,8 @@ def test_every_real_stand_log_reads() -> None:
                 effort = "upper_rpm" if log.has("upper_rpm") else "upper_throttle"
                 assert log.rows >= 14 and log["upper_thrust_N"] @ log[effort] ** 2 > 0
                 upper = "B" if "tmotor28" in path.stem else "left"
-                said = " ".join(log.notes)
-                assert f"'{upper}' is the upper rotor" in said or best or not log.has("lower_thrust_N")
+                reported = " ".join(log.notes)
+                assert f"'{upper}' is the upper rotor" in reported or best or not log.has("lower_thrust_N")
     log = read_stand_log(SHARED / "coax" / "mn4014_16in_zD1.csv")
     assert log.rows == 100 and "line 2, line 3, line 104" in "\n".join(log.notes)
     assert log["upper_thrust_N"].max() == pytest.approx(2590.41840348e-3 * G)

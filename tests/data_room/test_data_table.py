@@ -65,8 +65,8 @@ def test_preamble_comments_units_blank_lines_and_repeated_headings(tmp_path: Pat
     check(write(tmp_path, content))
     table = read_table(tmp_path / "log.csv")
     assert table.units == ("1/min", "N") and table.lines.tolist() == [6, 10, 14]
-    said = " ".join(table.notes)
-    assert "repeated on 2" in said and "2 lines of comment" in said and "units on line 5" in said
+    reported = " ".join(table.notes)
+    assert "repeated on 2" in reported and "2 lines of comment" in reported and "units on line 5" in reported
 
 
 def test_headings_in_a_comment_under_a_group_or_over_two_lines(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ class Reader:
     def __init__(self, folder: Path, capture: pytest.CaptureFixture[str], stack: ExitStack) -> None:
         self.folder, self.capture, self.stack = folder, capture, stack
         self.address = self.world = ""
-        self.said: dict[str, tuple[str, str]] = {}
+        self.reported: dict[str, tuple[str, str]] = {}
 
     def start(self, *arguments: str) -> None:
         """A vehicle on the line, instead of the last one; in flight it waits for a busy machine."""
@@ -91,7 +91,7 @@ class Reader:
         with pytest.raises(SystemExit) as ended:
             main(words[1:])
         out, err = self.capture.readouterr()
-        self.said[line] = (out, err)
+        self.reported[line] = (out, err)
         assert ended.value.code == expected, f"{line}\n{out}\n{err}"
 
     def _here(self, line: str) -> str:

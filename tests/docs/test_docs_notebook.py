@@ -53,5 +53,5 @@ def test_the_notebook_of_the_whole_way_runs_and_shows_what_it_says(tmp_path):
     for new, old in zip(ran.cells[1:], code, strict=True):
         assert not [o for o in new.outputs if o.get("name") == "stderr"], new.source
         assert kinds(new) == kinds(old), new.source
-    said = "\n".join(texts(cell) for cell in ran.cells)
-    assert "battery_voltage" in said and "fitted          most thrust 408 N" in said
+    reported = "\n".join(texts(cell) for cell in ran.cells)
+    assert "battery_voltage" in reported and "fitted          most thrust 408 N" in reported

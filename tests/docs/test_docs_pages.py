@@ -49,15 +49,15 @@ def write_stand(path):
     path.write_text("\n".join(rows) + "\n")
 
 
-def figures_are_those_of_the_run(page, said):
+def figures_are_those_of_the_run(page, reported):
     """The tutorial's numbers, in the two digits that it gives, are what its commands have just printed."""
-    page, said = (" ".join(text.split()) for text in (page, said))
+    page, reported = (" ".join(text.split()) for text in (page, reported))
     errors = r"falls from ([\d.]+) to ([\d.]+) N m"
-    printed = re.search(errors + r" \(noise alone: [\d.]+; ([\d.]+) with small corrections", said)
+    printed = re.search(errors + r" \(noise alone: [\d.]+; ([\d.]+) with small corrections", reported)
     given = re.search(errors + r"\..*? down to ([\d.]+) N m", page)
     assert [float(x) for x in given.groups()] == pytest.approx([float(x) for x in printed.groups()], rel=0.05)
     given = re.search(r"rotor 6 had lost (\d+) %", page)
-    printed = re.search(r"rotor 6: (\d+) % [^:]* and back since", said)
+    printed = re.search(r"rotor 6: (\d+) % [^:]* and back since", reported)
     assert abs(int(given[1]) - int(printed[1])) <= 1
 
 
@@ -76,9 +76,9 @@ def reader(tmp_path, monkeypatch, capsys):
 def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     write_stand(tmp_path / "my_stand.csv")
     reader.follow("tutorial.md")
-    said = "\n".join(out + err for out, err in reader.said.values())
-    assert "found: degraded_rotor" in said and "verified" in said
-    figures_are_those_of_the_run((DOCS / "tutorial.md").read_text(), said)
+    reported = "\n".join(out + err for out, err in reader.reported.values())
+    assert "found: degraded_rotor" in reported and "verified" in reported
+    figures_are_those_of_the_run((DOCS / "tutorial.md").read_text(), reported)
     assert "lower rotors carried" in (tmp_path / "both.html").read_text()
 
     for page in ("stand.md", "airframe.md", "howto/px4.md", "howto/failed_upload.md",
@@ -113,7 +113,7 @@ def test_ardupilot_and_the_companion(reader, tmp_path):
     reader.follow("howto/raspberry_pi.md")
     assert (tmp_path / "signing.key").stat().st_mode & 0o077 == 0
     reader.follow("howto/replay.md")
-    assert "front right" in next(out for line, (out, _) in reader.said.items() if "--replay" in line)
+    assert "front right" in next(out for line, (out, _) in reader.reported.items() if "--replay" in line)
 
 
 def test_every_command_to_follow_says_how_it_is_run():

@@ -26,7 +26,7 @@ class Board:
 
     def __init__(self, frame_class, outputs=range(33, 41), accept=True):
         self.params = {"FRAME_CLASS": float(frame_class)}
-        self.said, self.motors, self.throttle, self.tables, self.inits = [], {}, {}, [], []
+        self.reported, self.motors, self.throttle, self.tables, self.inits = [], {}, {}, [], []
         self.outputs, self.accept = set(outputs), accept
         self.lua = lupa.LuaRuntime(unpack_returned_tuples=True)
         bind = self.lua.globals()
@@ -34,7 +34,7 @@ class Board:
         self.lua.execute(BINDINGS)
 
     def say(self, text):
-        self.said.append(text)
+        self.reported.append(text)
 
     def get(self, name):
         return self.params.get(name)
@@ -102,7 +102,7 @@ def test_the_matrix_script_hands_over_the_table():
     board.run(scripts.matrix_script(RCRM, title="paper-x8, reduced law"))
     given = [(*board.motors[n], board.throttle[n]) for n in range(8)]
     np.testing.assert_allclose(given, RCRM, atol=5e-7)
-    assert board.inits == [8] and "matrix of 8 motors" in board.said[-1]
+    assert board.inits == [8] and "matrix of 8 motors" in board.reported[-1]
 
 
 def _altered(text, old, new):
@@ -122,7 +122,7 @@ def test_the_matrix_script_checks_itself():
         board = Board(**({"frame_class": 15} | change))
         with pytest.raises(lupa.LuaError, match=why):
             board.run(text)
-        assert board.inits == [] and why in board.said[-1]
+        assert board.inits == [] and why in board.reported[-1]
 
 
 def _loader(board):
@@ -166,7 +166,7 @@ def test_the_loader_keeps_flying_the_old_table_on_nonsense():
     update()
     update()
     assert len(board.tables) == 1
-    assert [s for s in board.said if "needs a reboot" in s] == [
+    assert [s for s in board.reported if "needs a reboot" in s] == [
         "coaxlink: another number of motors needs a reboot"
     ]
 

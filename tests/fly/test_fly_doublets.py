@@ -65,17 +65,17 @@ def commands(name, vehicle, acceleration, monkeypatch):
 @pytest.mark.parametrize("name", ["x8_demo.toml", "y6.toml"])
 def test_doublets_keep_every_motor_inside_its_range(name, factors, monkeypatch):
     vehicle = believed(name, factors)
-    told = commands(name, vehicle, doublet_acceleration(vehicle), monkeypatch)
-    assert len(told) > 500
-    assert told.min() > TURNING and told.max() < FULL
+    determined = commands(name, vehicle, doublet_acceleration(vehicle), monkeypatch)
+    assert len(determined) > 500
+    assert determined.min() > TURNING and determined.max() < FULL
     unsized = commands(name, vehicle, np.inf, monkeypatch)
-    assert np.ptp(unsized, axis=0).max() > 1.2 * np.ptp(told, axis=0).max()
+    assert np.ptp(unsized, axis=0).max() > 1.2 * np.ptp(determined, axis=0).max()
 
 
 @pytest.mark.slow
 def test_unsized_doublets_stop_motors(monkeypatch):
-    told = commands("y6.toml", believed("y6.toml", OFF[0]), np.inf, monkeypatch)
-    assert (told.min(axis=1) < TURNING).mean() > 0.05
+    determined = commands("y6.toml", believed("y6.toml", OFF[0]), np.inf, monkeypatch)
+    assert (determined.min(axis=1) < TURNING).mean() > 0.05
 
 
 @pytest.mark.parametrize("name", ["x8_demo.toml", "y6.toml"])

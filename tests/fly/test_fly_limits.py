@@ -27,8 +27,8 @@ def test_named_plans_are_smooth_and_our_own_end_where_they_began():
 
 def test_a_plan_beyond_a_limit_is_named():
     big = plan_of("circle", 4.0, 40.0)
-    said = " ".join(plan_faults(big, FlightLimits()))
-    assert "distance reaches 40.0 m" in said and "speed" in said
+    reported = " ".join(plan_faults(big, FlightLimits()))
+    assert "distance reaches 40.0 m" in reported and "speed" in reported
     assert "height reaches 20.0 m" in " ".join(plan_faults(plan_of("hover", 20.0, 1.0), FlightLimits()))
     assert "comes down to 0.50 m" in " ".join(plan_faults(plan_of("hover", 0.5, 1.0), FlightLimits()))
     assert peaks(plan_of("steps", 4.0, 2.0))["highest_m"] == pytest.approx(5.0)
@@ -48,8 +48,8 @@ BEYOND = {
 
 def test_every_limit_in_flight():
     assert breach(PositionState(**GOOD), FlightLimits()) is None
-    for said, changed in BEYOND.items():
-        assert said in (breach(PositionState(**{**GOOD, **changed}), FlightLimits()) or "")
+    for reported, changed in BEYOND.items():
+        assert reported in (breach(PositionState(**{**GOOD, **changed}), FlightLimits()) or "")
 
 
 def test_no_battery_limit_where_none_was_asked_for():

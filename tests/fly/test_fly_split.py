@@ -49,13 +49,13 @@ def test_nothing_is_kept_before_and_after_the_hover_nor_a_current_that_is_not_me
     record = PowerRecord(Telemetry(lambda: 0.0), SplitPlan(LEVELS, 0.5, 14))
 
     def battery(amps: int) -> None:
-        for said in (
+        for reported in (
             m.MAVLink_attitude_message(0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0),
             m.MAVLink_local_position_ned_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25),
             m.MAVLink_battery_status_message(0, 0, 0, 0, [4000] * 6 + [65535] * 4, amps, 0, 0, 90),
         ):
-            record.telemetry.hear(said)
-            record.hear(said)
+            record.telemetry.hear(reported)
+            record.hear(reported)
 
     battery(5000)
     record.now_s = 19.0

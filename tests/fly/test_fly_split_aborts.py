@@ -28,8 +28,8 @@ from verb import run
 from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.mavlink import connect
 from sim.effects import HiddenEffect
+from sim.simulation import Simulation, build, open_links
 from sim.truth import Truth
-from sim.world import World, build, open_links
 
 BACK_S = 0.5  # asked for
 LOST_M = 0.4  # what the same vehicle loses at any hand-over, docs/live.md
@@ -136,7 +136,7 @@ def fly(flight: Aborted, capsys: Any, tmp_path: Path, act: Callable[[Aborted], A
     return code, err, json.loads(path.read_text()), gave[0] if gave else None
 
 
-def told(flight: Aborted, firmware: str, what: str, cause_s: float) -> tuple[float, float]:
+def determined(flight: Aborted, firmware: str, what: str, cause_s: float) -> tuple[float, float]:
     """Seconds until the board's own mixer flies for good, metres lost in a second from then."""
     back = flight.own_since(cause_s)
     assert back is not None, "the companion still flies it"
@@ -154,7 +154,7 @@ BOTH = pytest.mark.parametrize(("firmware", "kind"), [("PX4 1.13", Aborted), ("A
 def test_the_pilots_mode_change(capsys, tmp_path, firmware, kind) -> None:
     flight = kind()
     code, err, found, cause_s = fly(flight, capsys, tmp_path, grabbed)
-    back, lost = told(flight, firmware, "mode change", cause_s)
+    back, lost = determined(flight, firmware, "mode change", cause_s)
     assert code == 1 and found["result"] == "pilot" and "why" in found["split"], err
     assert back < BACK_S and lost < LOST_M and flight.rows[-1].height_m > 2.0
 
@@ -164,7 +164,7 @@ def test_the_battery_below_its_floor(capsys, tmp_path, firmware, kind) -> None:
     flight = kind()
     code, err, found, _ = fly(flight, capsys, tmp_path, lambda _: None, "--battery", FLOOR)
     cause_s = flight.since(lambda place: round(100 * place[4]) < 100 * FLOOR)
-    back, lost = told(flight, firmware, "battery", cause_s)
+    back, lost = determined(flight, firmware, "battery", cause_s)
     assert code == 4 and found["result"] == "limit" and "battery" in found["why"], err
     assert back < BACK_S and lost < SECOND_S and not flight.autopilot.armed
     driven = [row.driven for row in flight.rows]
@@ -177,7 +177,7 @@ def test_a_gust_beyond_the_limits(capsys, tmp_path, firmware, kind) -> None:
     flight = kind()
     code, err, found, _ = fly(flight, capsys, tmp_path, blown)
     cause_s = flight.since(lambda place: math.hypot(place[1], place[2]) > 3.0)
-    back, lost = told(flight, firmware, "gust", cause_s)
+    back, lost = determined(flight, firmware, "gust", cause_s)
     assert code == 4 and found["result"] == "limit" and "off its set-point" in found["why"], err
     assert back < BACK_S and lost < SECOND_S
 
@@ -186,7 +186,7 @@ def test_a_gust_beyond_the_limits(capsys, tmp_path, firmware, kind) -> None:
 def test_the_link_dies_or_the_companion(capsys, tmp_path, firmware, kind) -> None:
     flight = kind()
     code, err, found, cause_s = fly(flight, capsys, tmp_path, unplugged)
-    back, lost = told(flight, firmware, "dead link, killed companion", cause_s)
+    back, lost = determined(flight, firmware, "dead link, killed companion", cause_s)
     assert code == 3 and found["result"] == "link" and "why" in found["split"], err
     assert back < BACK_S and lost < LOST_M
 
@@ -194,7 +194,7 @@ def test_the_link_dies_or_the_companion(capsys, tmp_path, firmware, kind) -> Non
 def test_a_process_that_is_killed(tmp_path) -> None:
     """Through real sockets, the vehicle in step with the machine's clock."""
     ports = open_links(["udpin:127.0.0.1:0"])
-    standin = build(World(FRAME, firmware="px4:1.13"), ports)
+    standin = build(Simulation(FRAME, firmware="px4:1.13"), ports)
     vehicle = standin.autopilot
     vehicle.store.write("THR_MDL_FAC", 9, 1.0)
 
@@ -211,8 +211,8 @@ def test_a_process_that_is_killed(tmp_path) -> None:
     url = "udpout:" + ports[0].name.partition(":")[2]
     words = [sys.executable, "-m", "coaxlink", "fly", "--plan", "split", "--connect", url, "--airframe"]
     words += [str(FRAME), "--no-log", "--yes", "--out", str(tmp_path)]
-    with (tmp_path / "said.txt").open("w") as said:
-        process = subprocess.Popen(words, stdout=said, stderr=said)
+    with (tmp_path / "said.txt").open("w") as reported:
+        process = subprocess.Popen(words, stdout=reported, stderr=reported)
     try:
         ticks_until(lambda: vehicle.plant.height > HEIGHT_M / 2, PATIENCE_S)
         flown = itertools.count()

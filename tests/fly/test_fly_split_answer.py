@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from split_world import World, hover
+from split_world import Simulation, hover
 
 from coaxlink.errors import InputError
 from coaxlink.fly.split_answer import Dwells, best_split, dwells_of, joined
 
 FLIGHTS, HELD = 60, 53  # 95 % of 60 are fewer than this once in a hundred
-WORLD = World(lower_efficiency=0.8, wake=0.3)
+WORLD = Simulation(lower_efficiency=0.8, wake=0.3)
 LOW, HIGH = 0.3, 0.8
 
 

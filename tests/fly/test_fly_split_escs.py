@@ -27,9 +27,9 @@ def hover(rng: np.random.Generator, scale: float = 1.0, dwells: int = 40) -> tup
         true = 50.0 * (1.0 + 0.8 * (share - 0.53) ** 2 + 1e-3 * rng.normal())
         for k in range(36):
             escs = np.where(UPPER, share, 1.0 - share) * true / 4.0 + 0.1 * rng.normal(size=8)
-            said = scale * true + 0.3 * rng.normal()
-            rows.append([n, 18.0 * n + 0.5 * k, 24.0 * said, share, 0.0, 0.0])
-            amps.append([said, *escs])
+            reported = scale * true + 0.3 * rng.normal()
+            rows.append([n, 18.0 * n + 0.5 * k, 24.0 * reported, share, 0.0, 0.0])
+            amps.append([reported, *escs])
     return np.array(rows), np.array(amps)
 
 
@@ -91,8 +91,8 @@ def test_amps_are_those_of_the_battery_readings_own_second() -> None:
     record = PowerRecord(Telemetry(lambda: now[0]), SplitPlan(tuple(LEVELS), 0.5, 14), upper=UPPER)
     record.now_s = 19.0
 
-    def hear(*said: Any) -> None:
-        for message in said:
+    def hear(*reported: Any) -> None:
+        for message in reported:
             record.telemetry.hear(message)
             record.hear(message)
 

@@ -53,8 +53,8 @@ def test_the_interval_holds_the_difference(order: str, saving: float) -> None:
 def test_as_many_flights_as_were_said_tell_two_per_cent_half_of_the_time() -> None:
     rng, count = np.random.default_rng(6), flights_for(0.02, 0.01)
     order = "ABBA" * (count // 2)
-    told = [compare_tables(hovers(rng, order, 0.02)).worth_it for _ in range(TRIALS)]
-    assert 0.45 < np.mean(told) < 0.9  # the half width of the interval is what was asked for
+    determined = [compare_tables(hovers(rng, order, 0.02)).worth_it for _ in range(TRIALS)]
+    assert 0.45 < np.mean(determined) < 0.9  # the half width of the interval is what was asked for
     assert flights_for(0.02, 0.03) > 4 * count
 
 
@@ -93,12 +93,12 @@ def test_the_verb_flies_two_tables_on_a_px4_that_is_not_mixed_live(capsys: Any, 
         for path in done:
             words += ["--after", path]
         with plugged(flight.net):
-            code, said, err = run(capsys, *words)
+            code, reported, err = run(capsys, *words)
         assert code == 0, err
-        assert "two of each answer" in said or number == 3
+        assert "two of each answer" in reported or number == 3
         done.append(tmp_path / f"{number}.json")
     found = json.loads(done[-1].read_text())["split"]
-    assert "of the thrust from above takes" in said
+    assert "of the thrust from above takes" in reported
     assert found["escs"]["ratio"] == pytest.approx(1.0, abs=0.03)
     assert found["flights"] == [2, 2] and found["shares"][1] == pytest.approx(0.6, abs=0.01)
     truth = [shaft_watts(vehicle, share) for share in found["shares"]]

@@ -37,15 +37,15 @@ def lenient(port, firmware="px4"):
 
 def fly(port, out, *options):
     """Exit code, stdout, stderr and the JSON of one call."""
-    said, told, code = io.StringIO(), io.StringIO(), 0
+    reported, determined, code = io.StringIO(), io.StringIO(), 0
     arguments = ["fly", "--connect", f"udpout:127.0.0.1:{port}", "--out", out, "--json", out / "fly.json"]
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(told):
+    with contextlib.redirect_stdout(reported), contextlib.redirect_stderr(determined):
         try:
             main([str(a) for a in (*arguments, *options)])
         except SystemExit as ended:
             code = int(ended.code or 0)
     found = json.loads((out / "fly.json").read_text()) if (out / "fly.json").is_file() else {}
-    return code, said.getvalue(), told.getvalue(), found
+    return code, reported.getvalue(), determined.getvalue(), found
 
 
 def test_a_plan_is_flown_and_its_log_comes_down(tmp_path):
@@ -53,9 +53,9 @@ def test_a_plan_is_flown_and_its_log_comes_down(tmp_path):
     plan.write_text('height_m = 3.0\n[[pieces]]\nwhat = "north"\nseconds = 4.0\nnorth_m = 2.0\n')
     with standin("--firmware", "ardupilot", *WORLD) as port:
         lenient(port, "ardupilot")
-        code, said, told, found = fly(port, tmp_path, "--plan", plan, "--yes")
-    assert code == 0, told
-    assert said.startswith("flown: ") and "mavsdk" not in said.lower()
+        code, reported, determined, found = fly(port, tmp_path, "--plan", plan, "--yes")
+    assert code == 0, determined
+    assert reported.startswith("flown: ") and "mavsdk" not in reported.lower()
     assert found["result"] == "flown" and found["segments"] == ["settle", "north"]
     assert found["crc"] == "same" and found["log"].endswith("flight.bin")
     log = read_flight_log(tmp_path / "flight.bin")
@@ -72,8 +72,8 @@ def test_a_second_flight_brings_its_own_log_and_leaves_the_settings(tmp_path):
     with standin(*WORLD) as port:
         lenient(port)
         for plan in plans:
-            code, _, told, found = fly(port, tmp_path / plan.stem, "--plan", plan, "--yes")
-            assert code == 0 and found["crc"] == "same", told
+            code, _, determined, found = fly(port, tmp_path / plan.stem, "--plan", plan, "--yes")
+            assert code == 0 and found["crc"] == "same", determined
             logs.append(tmp_path / plan.stem / "flight.ulg")
             assert found["log"] == str(logs[-1]) and read_flight_log(logs[-1]).has("motor1", "motor8")
         with connect(f"udpout:127.0.0.1:{port}") as session:

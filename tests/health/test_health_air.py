@@ -43,7 +43,7 @@ def flown(request):
     return vehicle, fly
 
 
-def told(vehicle, log, test=None):
+def determined(vehicle, log, test=None):
     """Verdicts over a log at 50 Hz."""
     stream, test = Stream(vehicle), test or SequentialTest(vehicle)
     commands = np.stack([log[f"motor{i + 1}"] for i in range(stream.count)], axis=1)
@@ -62,7 +62,7 @@ def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown):
             with case(f"{rotor}, {law}"):
                 vehicle, fly = flown
                 fault = HiddenEffect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(rotor)}, law)
-                verdicts = told(vehicle, fly(fault))
+                verdicts = determined(vehicle, fly(fault))
                 called = next(v for v in verdicts if v.called)
                 assert called.called.rotor == rotor and called.called.probability >= CALL
                 assert 0.0 < called.time_s - ONSET_S < 2.0
@@ -78,7 +78,7 @@ def test_sound_flights_in_wind_and_sag_call_nobody(flown):
         for plan in ("hover", "circle", "wander", "steps"):
             with case(f"{plan}"):
                 vehicle, fly = flown
-                assert not [v for v in told(vehicle, fly(plan=plan)) if v.called]
+                assert not [v for v in determined(vehicle, fly(plan=plan)) if v.called]
 
 
 def test_a_sudden_push_that_is_no_rotors_is_none(flown):
@@ -181,7 +181,7 @@ def test_without_an_accelerometer_and_at_ten_hertz_it_still_names(flown):
     vehicle, fly = flown
     log = fly(HiddenEffect("degraded_rotor", 0.15, ONSET_S, {"rotor": 2.0}), seconds=27.0)
     slow = {k: v[::5] for k, v in log.items()} | {"accel_z_m_s2": np.full(len(log["time_s"][::5]), np.nan)}
-    called = next(v for v in told(vehicle, slow) if v.called)
+    called = next(v for v in determined(vehicle, slow) if v.called)
     assert called.called.rotor == 2 and called.time_s > ONSET_S
 
 

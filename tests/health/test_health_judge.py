@@ -275,14 +275,14 @@ def test_what_columns_gain_beside_flights_is_what_the_evidence_grows_by():
     drawn, sd = together(flights, {}), np.array([0.2, 0.2])
     profiles = [np.ones((1, ROWS)), since(20.0).T]
     loads = [f.loads[:, :, 2:3, :2] for f in flights]
-    said = [
+    reported = [
         Further(f, x, w).beside(drawn, k)
         for k, (f, x, w) in enumerate(zip(flights, loads, profiles, strict=True))
     ]
     blocks = [[Block("loss", x[:, :, 0] * w.T[:, None], sd)] for x, w in zip(loads, profiles, strict=True)]
     for found, grown in (
-        (said[1], together(flights, {1: blocks[1]})),
-        (said[0] + said[1], together(flights, {}, blocks)),
+        (reported[1], together(flights, {1: blocks[1]})),
+        (reported[0] + reported[1], together(flights, {}, blocks)),
     ):
         more = grown.fit.log_evidence - drawn.fit.log_evidence
         assert gained(found, sd)[0, 0] == pytest.approx(more, rel=1e-6)

@@ -177,10 +177,10 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
     assert not ended.value.code
     flown = plan_of(str(plan), 9.0, 9.0)
     assert flown.duration_s == pytest.approx(64.0) and plan_faults(flown, FlightLimits()) == []
-    said = capsys.readouterr()
-    assert "next flight" in said.out
-    assert "the most informative flight, 60 s within 2 m of the take-off" in said.err
-    assert f"coaxlink fly --plan {plan}" in said.err
+    reported = capsys.readouterr()
+    assert "next flight" in reported.out
+    assert "the most informative flight, 60 s within 2 m of the take-off" in reported.err
+    assert f"coaxlink fly --plan {plan}" in reported.err
     found = json.loads(report.read_text())["next"]
     assert found["plan"] == tomllib.loads(plan.read_text())
     assert len(found["coefficients"]) == len(json.loads(report.read_text())["told"])

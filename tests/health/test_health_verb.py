@@ -28,10 +28,10 @@ def flights(tmp_path_factory):
     (folder / "truth.toml").write_text(
         f'[[effects]]\nname = "degraded_rotor"\nsize = {LOST}\nrotor = {ROTOR}\n'
     )
-    for name, *told in (("monday",), ("friday", "--truth", str(folder / "truth.toml"))):
+    for name, *determined in (("monday",), ("friday", "--truth", str(folder / "truth.toml"))):
         log = folder / f"{name}.csv"
         call = [sys.executable, "-m", "coaxlink", "sim", "--fly", "vigorous", "--log", str(log)]
-        subprocess.run([*call, "--seed", str(len(name)), *told], check=True, capture_output=True)
+        subprocess.run([*call, "--seed", str(len(name)), *determined], check=True, capture_output=True)
     return folder
 
 
@@ -53,14 +53,14 @@ def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
     assert all(
         low <= 1.0 <= high for f in found["flights"] for p in f["pairs"] for _, low, high in [p["thrust"]]
     )
-    said = capsys.readouterr()
+    reported = capsys.readouterr()
     from_python = coaxlink.check_health(flights / "monday.csv", VEHICLE[1])
     assert json.loads(json.dumps(from_python.as_json())) == found
     assert str(from_python).startswith("Health(sound, 1 flight)\nrotor ")
     page = coaxlink.write_report(flights / "monday.csv", tmp_path / "monday.html", VEHICLE[1])
     assert page.read_text().lower().startswith("<!doctype html>")
-    assert "sound" in said.out and "shipped" not in said.err
-    assert f"a loss of {100 * found['detects']:.0f} % would have been seen" in " ".join(said.out.split())
+    assert "sound" in reported.out and "shipped" not in reported.err
+    assert f"a loss of {100 * found['detects']:.0f} % would have been seen" in " ".join(reported.out.split())
 
 
 @pytest.mark.slow
@@ -75,8 +75,8 @@ def test_a_weak_rotor_is_named_with_its_flight(flights, tmp_path, capsys):
     out, drawn = tmp_path / "h.json", tmp_path / "h.png"
     page = tmp_path / "h.html"
     assert run(*logs, *VEHICLE, "--json", out, "--plot", drawn, "--report", page) == 1
-    said = capsys.readouterr()
-    assert f"rotor {ROTOR}" in said.err and "friday" in said.out
+    reported = capsys.readouterr()
+    assert f"rotor {ROTOR}" in reported.err and "friday" in reported.out
     first = json.loads(out.read_text())["suspects"][0]
     assert first["rotor"] == ROTOR and first["probability"] > 0.9
     assert first["loss"][1] < LOST < first["loss"][2]
@@ -137,16 +137,16 @@ def test_a_prior_that_is_off_is_updated_by_a_flight(flights, tmp_path, capsys):
         assert abs(value["value"] - getattr(pair, name)[0]) < 2.6 * value["sd"], load
         assert value["sd"] < value["prior_sd"]
     model = load_rotor_model(after)
-    told = model.loads(*speeds)
-    both = told.upper_thrust + told.lower_thrust
+    determined = model.loads(*speeds)
+    both = determined.upper_thrust + determined.lower_thrust
     assert both == pytest.approx(pair.upper_thrust + pair.lower_thrust, rel=0.02)  # the weight tells it
     assert model.identified["flights"][0]["file"] == "monday.csv"
     for t in found["told"]:
         left = t["sd"] / t["prior_sd"]
         assert t["verdict"] == ("told" if left < 0.5 else "partly" if left < 0.8 else "not told")
     assert {"partly", "not told"} <= {t["verdict"] for t in found["told"]}
-    said = capsys.readouterr()
-    assert "not determined by these flights" in said.err and "upper against lower" in said.err
+    reported = capsys.readouterr()
+    assert "not determined by these flights" in reported.err and "upper against lower" in reported.err
     # the posterior is the next flight's prior
     assert identify(log, *VEHICLE, "--rotor", after, "--json", report) == 0
     assert "own covariance" in capsys.readouterr().err
@@ -173,8 +173,8 @@ def test_a_folder_is_a_fleet_judged_vehicle_by_vehicle(flights, tmp_path, capsys
     (tmp_path / "logs" / "x8-03").mkdir()
     (tmp_path / "logs" / "x8-03" / "2026-03-02.csv").write_text("time_s,motor1\n0,1\n")
     assert run(tmp_path / "logs", *VEHICLE, "--json", tmp_path / "f.json") == 1
-    said = capsys.readouterr()
-    assert "ground x8-02" in said.err and "says nothing: x8-03" in said.err
+    reported = capsys.readouterr()
+    assert "ground x8-02" in reported.err and "says nothing: x8-03" in reported.err
     found = json.loads((tmp_path / "f.json").read_text())["vehicles"]
     assert found["x8-01"]["verdict"] == "sound" and found["x8-02"]["verdict"] == "ground it"
     assert run(tmp_path / "logs", "--plot", tmp_path / "p.png") == 2

@@ -22,7 +22,7 @@ from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle
 from sim.in_memory import MemoryPort
 from sim.px4.autopilot import Mode
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TICK_S = 0.004
@@ -60,7 +60,7 @@ class Flight:
         self.clock = self.net.clock
         self.ports = [MemoryPort() for _ in range(self.links)]
         self.addresses = [self.net.address() for _ in self.ports]
-        whole = World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file, **world)
+        whole = Simulation(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file, **world)
         self.standin = build(whole, self.ports, clock=self.clock.monotonic)
         self.autopilot: Any = self.standin.autopilot
         self.rows: list[Row] = []
@@ -177,17 +177,17 @@ class Faults:
             return [] if self.dead else [data]
         out = []
         for message in self._parser.parse_buffer(data) or []:
-            said, kind = message, message.get_type()
+            reported, kind = message, message.get_type()
             if kind == "ACTUATOR_CONTROL_TARGET":
-                said = demand(max(message.time_usec + self.clock_us, 0), list(message.controls))
-                said = self.change(said) if self.change else said
+                reported = demand(max(message.time_usec + self.clock_us, 0), list(message.controls))
+                reported = self.change(reported) if self.change else reported
             elif kind == "TIMESYNC" and message.tc1:
-                said = mavlink.MAVLink_timesync_message(message.tc1 + 1000 * self.clock_us, message.ts1)
-            if said is message:
+                reported = mavlink.MAVLink_timesync_message(message.tc1 + 1000 * self.clock_us, message.ts1)
+            if reported is message:
                 out.append(bytes(message.get_msgbuf()))
-            elif said is not None:
+            elif reported is not None:
                 self._packer.seq = message.get_seq()
-                out.append(bytes(said.pack(self._packer)))
+                out.append(bytes(reported.pack(self._packer)))
         return [b"".join(out)]
 
 

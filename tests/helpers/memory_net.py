@@ -108,11 +108,11 @@ class Standin:
 
     def __init__(self, net, firmware="px4", *, address=None, **world):
         from sim.in_memory import InMemory
-        from sim.world import World
+        from sim.simulation import Simulation
 
         self.net, self.address = net, address or net.address()
         self.url = f"udpout:{self.address[0]}:{self.address[1]}"
-        self._board = InMemory(World(X8, firmware=firmware, **world))
+        self._board = InMemory(Simulation(X8, firmware=firmware, **world))
         self.autopilot, self._clients = self._board.autopilot, []
         self._on = True
         net.bind(self.address, self._hear)
@@ -124,8 +124,8 @@ class Standin:
         self._answer(source, data)
 
     def _answer(self, source, data=b""):
-        said = self._board.exchange(data, self.net.clock.monotonic(), self._clients.index(source))
-        for frame in frames(said):
+        reported = self._board.exchange(data, self.net.clock.monotonic(), self._clients.index(source))
+        for frame in frames(reported):
             self.net.send(frame, self.address, source)
 
     def _live(self):

@@ -16,7 +16,7 @@ STEP_S = 0.1
 
 
 @dataclass(frozen=True)
-class World:
+class Simulation:
     """Electrical watts of a hover of 20 kg on four pairs, by the upper rotors' share of the thrust."""
 
     lower_efficiency: float = 0.75  # of the lower rotors' drives

@@ -60,11 +60,11 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from sim.manoeuvres import read_plan
     from sim.physics.rotors import read_pair
     from sim.px4.autopilot import Autopilot
+    from sim.simulation import Simulation, build_plant
     from sim.stand.effects import read_bench
     from sim.stand.schedule import read_schedule
     from sim.truth import read_truth, truth_text
     from sim.vehicle import read_vehicle
-    from sim.world import World, build_plant
 
     def rotor(path: Path) -> None:
         model = load_rotor_model(path)
@@ -107,7 +107,7 @@ def readers() -> dict[str, Callable[[Path], object]]:
         board_limits(board, replace(PX4, capabilities=32, git_hash="0" * 16))
 
     def memory(path: Path) -> None:
-        plant, truth = build_plant(World(HERE.parents[1] / "examples" / "x8_demo.toml"))
+        plant, truth = build_plant(Simulation(HERE.parents[1] / "examples" / "x8_demo.toml"))
         Memory(path, Autopilot(plant, truth, version=(1, 16, 1), seed=0), lazy=True).load()
 
     return {

@@ -80,13 +80,13 @@ def verbs(files: dict[str, Path]) -> dict[str, tuple[str, Callable[[Path], objec
         name = f"{line.split()[0]} {number}: {kind}"
 
         def spoiled(path: Path, line: str = line) -> None:
-            _said(_words(line, beside | {"FILE": path}))
+            _reported(_words(line, beside | {"FILE": path}))
 
         def odd(path: Path, line: str = line, kind: str = kind) -> None:
             dice, words = random.Random(path.read_bytes()), _words(line, beside | {"FILE": files[kind]})
             for option, takes_value in dice.sample(_options(words[0]), dice.choice((1, 2))):
                 words += [option, dice.choice(ODD)] if takes_value else [option]
-            _said(words)
+            _reported(words)
 
         found |= {name: (kind, spoiled), f"{name}, odd": (kind, odd)}
     return found
@@ -109,7 +109,7 @@ def _options(verb: str) -> list[tuple[str, bool]]:
     ]
 
 
-def _said(words: list[str]) -> None:
+def _reported(words: list[str]) -> None:
     from coaxlink.cli import main
     from coaxlink.errors import InputError
 
@@ -119,10 +119,10 @@ def _said(words: list[str]) -> None:
             main(words)
     except SystemExit as ended:
         code = ended.code
-    said = err.getvalue().strip()
-    last = said.splitlines()[-1] if said else ""
-    if "MemoryError" in said:
+    reported = err.getvalue().strip()
+    last = reported.splitlines()[-1] if reported else ""
+    if "MemoryError" in reported:
         raise MemoryError(last)
-    if code == 2 and "Traceback" not in said:
+    if code == 2 and "Traceback" not in reported:
         raise InputError("coaxlink", "", last.removeprefix("coaxlink: "))
-    assert code in (0, 1, 3, 4) and "Traceback" not in said, f"{code} {last} {words}"
+    assert code in (0, 1, 3, 4) and "Traceback" not in reported, f"{code} {last} {words}"

@@ -107,9 +107,9 @@ def tlog() -> bytes:
 
 def _flown(kind: str):
     def make(folder: Path) -> Path:
-        from sim.world import World, build_plant
+        from sim.simulation import Simulation, build_plant
 
-        plant, truth = build_plant(World(EXAMPLES / "x8_demo.toml"))
+        plant, truth = build_plant(Simulation(EXAMPLES / "x8_demo.toml"))
         if kind == "ulg":
             from sim.px4.autopilot import Autopilot
             from sim.px4.logger import UlogLogger
@@ -138,12 +138,12 @@ def _flown_csv(folder: Path) -> Path:
     from sim.flights import PLANS, fly, write_flight
     from sim.manoeuvres import read_plan
     from sim.px4.autopilot import Autopilot
-    from sim.world import World, build_plant
+    from sim.simulation import Simulation, build_plant
 
     plan = _written("plan.toml", FLIGHT_PLAN)(folder)
     PLANS["short"] = read_plan(plan)
     plan.unlink()
-    flown = fly(Autopilot(*build_plant(World(EXAMPLES / "x8_demo.toml"))), "short")
+    flown = fly(Autopilot(*build_plant(Simulation(EXAMPLES / "x8_demo.toml"))), "short")
     write_flight(folder / "flown.csv", {name: column[::5] for name, column in flown.items()})
     return folder / "flown.csv"
 

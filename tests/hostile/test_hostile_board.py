@@ -116,8 +116,8 @@ def test_a_checksum_of_too_few_bytes_is_refused(board):
     with meet(board) as session:
         for body in (b"", b"\1", b"\1\2\3"):
             board.serve = lambda code, offset, data, body=body: body
-            said = f"checksum has {len(body)} bytes, 4 are expected"
-            refused(lambda: Files(session).crc("/APM/scripts/a.lua"), said)
+            reported = f"checksum has {len(body)} bytes, 4 are expected"
+            refused(lambda: Files(session).crc("/APM/scripts/a.lua"), reported)
 
 
 def test_any_error_code_is_one_line(board):

@@ -22,7 +22,7 @@ from firmware_params import ardupilot
 from firmware_params.ardupilot import packed
 from firmware_params.errors import TableError
 from firmware_params.reading import read_params
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.vehicle import read_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -55,7 +55,7 @@ def test_an_airframe_of_such_a_name_is_refused(tmp_path, capsys):
                 code, out, err = run(capsys, "table", path, "--firmware", "px4", "--out", tmp_path / "out")
                 assert (code, out) == (2, "") and err.startswith(f"coaxlink: {path}: name: ")
                 assert err.count("\n") == 1 and err.removesuffix("\n").isprintable() and len(err) < 500
-                with pytest.raises(WorldError, match="name"):
+                with pytest.raises(SimulationError, match="name"):
                     read_vehicle(path)
     assert not (tmp_path / "out").exists()
 
@@ -72,8 +72,8 @@ def test_an_odd_but_printable_name_is_kept_and_harmless(tmp_path, capsys):
                 if what not in MADE:
                     continue
                 arguments = ("--firmware", "px4", "--law", "standard", "--out", out)
-                code, said, err = run(capsys, "table", path, *arguments)
-                assert code == 0 and f"{name}: standard law" in said, err
+                code, reported, err = run(capsys, "table", path, *arguments)
+                assert code == 0 and f"{name}: standard law" in reported, err
                 assert len(list(out.glob("*.params"))) == 1
                 assert sorted(p.name for p in folder.iterdir()) == ["out", "rotor_paper.toml", "x.toml"]
 

@@ -25,7 +25,7 @@ from firmware_params import ardupilot, px4
 from firmware_params.ardupilot.scripts import matrix_script, script_factors
 from firmware_params.errors import ParamsFileError, TableError
 from firmware_params.reading import read_params
-from sim.errors import WorldError
+from sim.errors import SimulationError
 
 FACTORS = [(-0.5, 0.5, 0.5, 1.0), (0.5, -0.5, 0.5, 0.9), (0.5, 0.5, -0.5, 1.0), (-0.5, -0.5, -0.5, 0.9)]
 
@@ -138,7 +138,7 @@ def errors(name, folder):
         SafetyRefusal(name),
         TableError(name),
         ParamsFileError(name, 3, name),
-        WorldError(name, name, name),
+        SimulationError(name, name, name),
     ):
         assert harmless(str(error), 1) and len(str(error)) < 1100
 

@@ -20,12 +20,12 @@ HEAVY = ("cvxpy", "llvmlite", "matplotlib", "mavsdk", "numba", "scipy", "sim")
 def together(folder: Path, commands: list[list[str]], *options: str) -> list[tuple[int, str, str]]:
     """(exit code, stdout, stderr) of each command line, all in one process that lacks something."""
     (folder / "commands.json").write_text(json.dumps(commands))
-    said = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, str(HERE / "light_process.py"), str(folder / "commands.json"), *options],
         capture_output=True, text=True, cwd=folder,
     )  # fmt: skip
-    assert said.returncode == 0, said.stderr
-    return [(code, out, talk) for code, out, talk in json.loads(said.stdout)]
+    assert reported.returncode == 0, reported.stderr
+    return [(code, out, talk) for code, out, talk in json.loads(reported.stdout)]
 
 
 def test_the_light_list_is_a_part_of_the_full_one():
@@ -122,5 +122,5 @@ def test_the_live_path_loads_nothing_heavy():
 def _loaded(code: str) -> set[str]:
     """Top-level modules that are there after the code ran in a process of its own."""
     script = f"{code}\nimport sys\nprint('\\n' + ' '.join(sys.modules))"
-    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    return {name.partition(".")[0] for name in said.stdout.splitlines()[-1].split()}
+    reported = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return {name.partition(".")[0] for name in reported.stdout.splitlines()[-1].split()}

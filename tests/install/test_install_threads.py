@@ -19,5 +19,5 @@ _start.main()
 
 def test_a_machine_that_asks_for_more_threads_gets_one():
     asked = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "2")
-    said = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, env=asked)
-    assert said.stdout.strip() == "{1}", said.stderr
+    reported = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, env=asked)
+    assert reported.stdout.strip() == "{1}", reported.stderr

@@ -208,8 +208,8 @@ def test_nothing_from_another_address_is_answered_or_stops_it(live: Live) -> Non
     assert all(row.driven for row in flight.rows) and not live.mixer.failed.is_set()
     assert live.mixer.summary()["not_believed"] >= 600
     parser = mavlink.MAVLink(None)
-    said = {m.get_type() for data in heard for m in parser.parse_buffer(data) or []}
-    assert said == {"COMMAND_LONG"}  # it was asked who it is, and got no motor command
+    reported = {m.get_type() for data in heard for m in parser.parse_buffer(data) or []}
+    assert reported == {"COMMAND_LONG"}  # it was asked who it is, and got no motor command
     live.ends_well()
 
 

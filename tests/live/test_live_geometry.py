@@ -57,8 +57,8 @@ def test_px4s_rotors_are_held_against_the_file_and_what_is_not_known_is_said():
                 with pytest.raises(SafetyRefusal, match=r"rotor 3 is another on the board: spin"):
                     refuse_other_vehicle(session, frame)
             else:
-                said = refuse_other_vehicle(session, frame)
-                assert bool(said) is (params is legacy)
+                reported = refuse_other_vehicle(session, frame)
+                assert bool(reported) is (params is legacy)
 
 
 @pytest.mark.slow

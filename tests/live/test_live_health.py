@@ -65,14 +65,14 @@ def fly(live, watch, log):
 
 @pytest.mark.slow
 def test_rotors_are_called_one_after_the_other_and_said_to_the_vehicle(vehicle, log):
-    live, said = mixer(vehicle), []
-    watch = HealthWatch(live, said.append)
+    live, reported = mixer(vehicle), []
+    watch = HealthWatch(live, reported.append)
     fly(live, watch, log)
     calls = watch.account()["calls"]
     assert not watch.problem and [c["rotor"] for c in calls] == list(ONSETS)
     for call, onset in zip(calls, ONSETS.values(), strict=True):
         assert 0.0 < call["time_s"] - 1.0 - onset < 2.0 and call["loss"] == pytest.approx(0.12, abs=0.04)
-    assert [text.split()[1] for text in said] == list("3388")  # again once the size is settled
+    assert [text.split()[1] for text in reported] == list("3388")  # again once the size is settled
     texts = [m for m in live.session.texts if m.get_type() == "STATUSTEXT"]
     assert [m.severity for m in texts] == [mavlink.MAV_SEVERITY_CRITICAL] * 4
     assert texts[0].text.startswith("rotor 3 loses thrust") and len(texts[1].text) <= 50
@@ -89,7 +89,7 @@ def test_what_hangs_on_a_guess_or_on_another_vehicle_is_no_call(vehicle, log, mo
     body = vehicle.declared
     twice = {**log, "motor1": log["motor6"], "motor6": log["motor1"]}
     holds = weighed.Premised.holds
-    blind = lambda told, *asked: "2 times" not in told.words and holds(told, *asked)  # noqa: E731
+    blind = lambda determined, *asked: "2 times" not in determined.words and holds(determined, *asked)  # noqa: E731
     with case_table() as case:
         for name, flown, rows, sees, words in (
             ("guessed, and it does not matter", guessed(vehicle), log, holds, "rotor 3 lost"),
@@ -99,8 +99,8 @@ def test_what_hangs_on_a_guess_or_on_another_vehicle_is_no_call(vehicle, log, mo
         ):
             with case(name):
                 monkeypatch.setattr(weighed.Premised, "holds", sees)
-                live, said = mixer(flown), []
-                watch = HealthWatch(live, said.append)
+                live, reported = mixer(flown), []
+                watch = HealthWatch(live, reported.append)
                 fly(live, watch, rows)
                 texts = [m.text for m in live.session.texts if m.get_type() == "STATUSTEXT"]
                 assert any(words in text for text in texts), texts
@@ -121,12 +121,12 @@ def in_its_thread(live, monkeypatch, heard):
     """Say one message to a watch whose test does what `heard` does, and wait until its thread has ended."""
     monkeypatch.setattr(InAir, "heard", heard)
     monkeypatch.setattr(health_watch, "ASK_AFTER_S", 0.0)
-    said = []
-    with HealthWatch(live, said.append) as watch:
+    reported = []
+    with HealthWatch(live, reported.append) as watch:
         live.session.hear(BEAT)
         watch._thread.join(60.0)
     assert not live.session.listeners
-    return watch, said
+    return watch, reported
 
 
 def test_an_error_in_the_test_ends_the_test_alone(vehicle, monkeypatch):

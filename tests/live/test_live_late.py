@@ -68,20 +68,20 @@ class Vehicle(Session):
         self.clock.later(self.questions(self.clock.now - self.start), there)
 
     def _say_demand(self) -> None:
-        said, stamp = self.clock.now, round(self.vehicle_s * 1e6)
-        self._due = max(self._due, said + self.demands(said - self.start))
+        reported, stamp = self.clock.now, round(self.vehicle_s * 1e6)
+        self._due = max(self._due, reported + self.demands(reported - self.start))
 
         def here() -> None:
             o, cycles = self.outcome, self.mixer.core.counters.cycles
             self.demand(stamp)
-            age = self.clock.now - said
+            age = self.clock.now - reported
             o.came += 1
             o.fresh += age <= OLDEST_S
             if self.mixer.core.counters.cycles > cycles:
                 o.answered += 1
                 o.oldest_s = max(o.oldest_s, age)
 
-        self.clock.later(self._due - said, here)
+        self.clock.later(self._due - reported, here)
 
     def fly(self) -> Outcome:
         """Until the last demand came."""

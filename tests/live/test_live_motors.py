@@ -131,11 +131,11 @@ def test_the_verb_asks_which_and_which_way_and_writes_what_to_change(
     typed = "they are off\n" + "".join(a + b for a, b in zip(asked, ways, strict=True))
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
     assert run(build_app(), words) == 1
-    said = capsys.readouterr()
-    assert said.out.startswith("rotor 1: ")
-    assert "rotor 3: rear left, upper, counter-clockwise from above: WRONG, turned: 7 ccw" in said.out
-    assert said.out.count(": right\n") == 5 and "rotor 5 turns the other way" in said.out
-    assert "rotor 3, 5, 7: not where" in said.err and "found '99'" in said.err
+    reported = capsys.readouterr()
+    assert reported.out.startswith("rotor 1: ")
+    assert "rotor 3: rear left, upper, counter-clockwise from above: WRONG, turned: 7 ccw" in reported.out
+    assert reported.out.count(": right\n") == 5 and "rotor 5 turns the other way" in reported.out
+    assert "rotor 3, 5, 7: not where" in reported.err and "found '99'" in reported.err
     document = json.loads(result.read_text())
     assert [m["motor"] for m in document["motors"]] == list(range(1, 9))
     assert read_params(out).params == {c["name"]: c["new"] for c in document["changes"]}

@@ -79,9 +79,9 @@ def test_the_companion_flies_px4_and_every_answer_is_counted(flight: ModuleFligh
     assert all(row.driven for row in flight.rows) and live.error is None
     assert np.array(flight.autopilot.command) == pytest.approx(np.array(live.core.sent), abs=0.03)
     assert np.abs(own - flight.autopilot.command).max() > 0.03  # another split
-    said = live.summary()
-    assert said["arrival"]["by"] == "bridge" and said["arrival"]["share"] < 0.01
-    assert said["board"]["taken"] > 350 and sum(refused(flight).values()) == 0
+    reported = live.summary()
+    assert reported["arrival"]["by"] == "bridge" and reported["arrival"]["share"] < 0.01
+    assert reported["board"]["taken"] > 350 and sum(refused(flight).values()) == 0
 
 
 @slow

@@ -101,8 +101,8 @@ def rules(tmp_path_factory):
 
 def follow(host: Path, script: str) -> list[list[float]]:
     """One row a `b` of the script: the speed flown, five kinds of refusal, times handed back."""
-    said = subprocess.run([host], input=script, capture_output=True, text=True, check=True).stdout
-    return [[float(word) for word in line.split()] for line in said.splitlines()]
+    reported = subprocess.run([host], input=script, capture_output=True, text=True, check=True).stdout
+    return [[float(word) for word in line.split()] for line in reported.splitlines()]
 
 
 FIRST = "d 1000\na 5000 abcdef 7 1 255 191 2 0.6\nb 5000\n"  # one good answer: 0.5 flies on towards 0.6
@@ -182,6 +182,6 @@ def test_a_name_is_no_code(tmp_path):
 def test_verb_writes_both_firmwares_from_one_airframe_file(tmp_path, capsys):
     x8 = example("x8_paper.toml")
     for firmware, file in (("px4", "etc/extras.txt"), ("ardupilot", "scripts/coaxlink_bridge.lua")):
-        code, _, said = run(capsys, "bridge", x8, "--firmware", firmware, "--out", tmp_path)
-        assert code == 0 and (tmp_path / file).exists(), said
+        code, _, reported = run(capsys, "bridge", x8, "--firmware", firmware, "--out", tmp_path)
+        assert code == 0 and (tmp_path / file).exists(), reported
     assert run(capsys, "bridge", x8, "--firmware", "betaflight")[0] == 2

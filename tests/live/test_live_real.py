@@ -24,7 +24,7 @@ from live_flight import EXAMPLES, HEIGHT_M, TICK_S
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.data.logs.live_record import read_record
-from sim.world import World, build, open_links
+from sim.simulation import Simulation, build, open_links
 
 AIRFRAME = EXAMPLES / "x8_demo.toml"
 PATIENCE_S = 60.0
@@ -37,7 +37,7 @@ class Flight:
     def __init__(self) -> None:
         self.ports = open_links(["udpin:127.0.0.1:0"])
         self.url = "udpout:" + self.ports[0].name.partition(":")[2]
-        self.standin = build(World(AIRFRAME, firmware="px4:1.13"), self.ports)
+        self.standin = build(Simulation(AIRFRAME, firmware="px4:1.13"), self.ports)
         self.autopilot = self.standin.autopilot
         self.commands: list[list[float]] = []
         self.autopilot.store.write("THR_MDL_FAC", 9, 1.0)
@@ -113,8 +113,8 @@ def test_stopped_and_going_on_and_killed(flight: Flight, tmp_path: Path) -> None
     assert last_us - int(rows["stamp_us"][-1]) < 1_000_000
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
-    said = parser.parse_buffer((tmp_path / "mix.tlog").read_bytes()) or []
-    assert last_us - [m.time_usec for m in said if m.get_type() == "HIGHRES_IMU"][-1] < 1_000_000
+    reported = parser.parse_buffer((tmp_path / "mix.tlog").read_bytes()) or []
+    assert last_us - [m.time_usec for m in reported if m.get_type() == "HIGHRES_IMU"][-1] < 1_000_000
 
 
 def test_told_to_stop_it_hands_the_vehicle_back_and_ends_with_0(flight: Flight) -> None:

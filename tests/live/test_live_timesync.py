@@ -14,10 +14,10 @@ from coaxlink.live.timesync import TimeSync
 class Line(Session):
     def __init__(self) -> None:
         super().__init__()
-        self.said: list[tuple[int, int]] = []
+        self.reported: list[tuple[int, int]] = []
 
     def send(self, message: Any) -> None:
-        self.said.append((message.tc1, message.ts1))
+        self.reported.append((message.tc1, message.ts1))
 
     @property
     def now_ns(self) -> int:
@@ -31,12 +31,12 @@ def test_a_request_is_answered_with_our_time_and_its_own() -> None:
     line = Line()
     TimeSync(line)  # type: ignore[arg-type]
     line.answer(0, 12345)
-    assert line.said == [(line.now_ns, 12345)]
+    assert line.reported == [(line.now_ns, 12345)]
 
 
 def ask(line: Line, sync: TimeSync, ahead_ns: int, there: float, back: float) -> None:
     sync.tick()
-    sent_at = line.said[-1][1]
+    sent_at = line.reported[-1][1]
     line.clock.sleep(there)
     vehicle = line.now_ns + ahead_ns
     line.clock.sleep(back)
@@ -61,7 +61,7 @@ def test_the_quickest_ways_there_and_back_bound_the_vehicles_clock() -> None:
     line.answer(1, 999)  # not ours
     sync.tick()
     line.clock.sleep(15.0)
-    line.answer(1, line.said[-1][1])  # too late
+    line.answer(1, line.reported[-1][1])  # too late
     assert sync.jumps == 0
     sync.close()
     assert not line.listeners
@@ -83,4 +83,4 @@ def test_it_asks_five_times_a_second() -> None:
     for _ in range(500):
         sync.tick()
         line.clock.sleep(0.01)
-    assert len(line.said) in (24, 25)
+    assert len(line.reported) in (24, 25)

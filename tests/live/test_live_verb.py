@@ -61,8 +61,8 @@ def test_a_dry_run_shows_everything_and_moves_nothing(mix: Verb, tmp_path: Path,
     assert summary["dry_run"] and summary["law"] == "exact" and summary["cycles"] > 150
     assert max(summary["allocation_error"]["max"]) < 1e-4
     assert {"word", "why", "calls"} < set(summary["health"])
-    said = capsys.readouterr()
-    assert "exact (dry run)" in said.out and "no motor command is sent" in said.err
+    reported = capsys.readouterr()
+    assert "exact (dry run)" in reported.out and "no motor command is sent" in reported.err
 
 
 @pytest.mark.slow

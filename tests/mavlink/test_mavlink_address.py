@@ -151,8 +151,8 @@ def test_who_holds_a_serial_line_is_named(tmp_path):
 def test_what_is_no_serial_line_is_said(tmp_path):
     (tmp_path / "file").touch()
     cases = {str(tmp_path / "file"): "not a serial line", str(tmp_path / "none"): "cannot be opened"}
-    for device, said in cases.items():
-        with pytest.raises(LinkError, match=said) as caught:
+    for device, reported in cases.items():
+        with pytest.raises(LinkError, match=reported) as caught:
             open_transport(parse_address(f"{device},57600"), 0.1)
         assert "\n" not in str(caught.value)
 
@@ -165,7 +165,7 @@ def test_what_windows_says_of_a_port_is_one_line(monkeypatch):
         "PermissionError(13, 'Access is denied.', None, 5)":
             "COM3,57600: the line is in use by another program, or not yours to open",
     }  # fmt: skip
-    for raised, said in cases.items():
+    for raised, reported in cases.items():
 
         def refuse(*_, raised=raised, **__):
             raise serial.SerialException(f"could not open port 'COM3': {raised}")
@@ -173,7 +173,7 @@ def test_what_windows_says_of_a_port_is_one_line(monkeypatch):
         monkeypatch.setattr(serial, "Serial", refuse)
         with pytest.raises(LinkError) as caught:
             open_transport(parse_address("COM3,57600"), 0.1)
-        assert str(caught.value) == said
+        assert str(caught.value) == reported
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no pseudo terminals there")

@@ -112,8 +112,8 @@ def test_a_message_is_decoded_alike_off_the_wire_and_before_it():
             back = decode(there, bytewise)
             assert (back.value, back.type) == (held.value, kind)
             assert bytewise or back.same(held)
-    said = m.MAVLink_param_value_message(b"P", 0.5, 9, 1, 0)  # never sent
-    assert decode(said, True).value == 0.5
+    reported = m.MAVLink_param_value_message(b"P", 0.5, 9, 1, 0)  # never sent
+    assert decode(reported, True).value == 0.5
     assert is_bytewise(m.MAV_AUTOPILOT_PX4) and not is_bytewise(m.MAV_AUTOPILOT_ARDUPILOTMEGA)
     assert is_bytewise(m.MAV_AUTOPILOT_PX4, 0) and not is_bytewise(m.MAV_AUTOPILOT_PX4, 2)
 

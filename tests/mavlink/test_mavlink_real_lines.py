@@ -139,7 +139,7 @@ class Tapped:
         self._outside = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._outside.bind(("127.0.0.1", 0))
         self.port = self._outside.getsockname()[1]
-        self.said, self.heard = [], []
+        self.reported, self.heard = [], []
         self._client, self._stop = None, threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -150,7 +150,7 @@ class Tapped:
             try:
                 if self._outside in ready:
                     data, self._client = self._outside.recvfrom(4096)
-                    self.said.append(data)
+                    self.reported.append(data)
                     self._inside.send(data)
                 if self._inside in ready:
                     data = self._inside.recv(4096)
@@ -227,13 +227,13 @@ def test_lines_that_cannot_be_had():
         taken.bind(("127.0.0.1", 0))
         free.bind(("127.0.0.1", 0))
         port, dead = taken.getsockname()[1], free.getsockname()[1]
-        for url, said in (
+        for url, reported in (
             (f"tcp:127.0.0.1:{dead}", "refused"),
             (f"udpin:127.0.0.1:{port}", "in use by"),
             (f"udpout:127.0.0.1:{port}", "no autopilot heard"),
             ("/dev/no-such-line,57600", "cannot be opened"),
         ):
-            with pytest.raises(LinkError, match=said):
+            with pytest.raises(LinkError, match=reported):
                 connect(url, timeout_s=0.3)
 
 
@@ -273,11 +273,11 @@ def test_nothing_of_a_killed_session_can_be_played_back(key_file, tmp_path):
                 os.kill(child.pid, signal.SIGKILL)
         finally:
             tap.close()
-        assert all(frame[2] & 1 for frame in tap.said)
+        assert all(frame[2] & 1 for frame in tap.reported)
         (file,) = (tmp_path / "state").glob("*.signing.json")
         book = json.loads(file.read_text())
         limits = {tuple(stream): last for *stream, last in book["streams"]}
-        assert max(_stamp(frame) for frame in tap.said) < book["timestamp"]
+        assert max(_stamp(frame) for frame in tap.reported) < book["timestamp"]
         heard = {(f[-13], f[5], f[6]) for f in tap.heard}
         assert heard and all(stream in limits for stream in heard)
         assert all(_stamp(f) < limits[f[-13], f[5], f[6]] for f in tap.heard)
@@ -286,7 +286,7 @@ def test_nothing_of_a_killed_session_can_be_played_back(key_file, tmp_path):
         with connect(f"udpout:127.0.0.1:{port}", signing_key=key_file) as session:
             assert Parameters(session).write(NAME, 0.875, 9).value == 0.875
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
-                for frame in tap.said:
+                for frame in tap.reported:
                     thief.sendto(frame, ("127.0.0.1", port))
             time.sleep(0.5)
             assert Parameters(session).read(NAME).value == 0.875

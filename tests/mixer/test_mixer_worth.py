@@ -218,12 +218,12 @@ def test_the_exact_law_keeps_every_gain_and_the_curve_alone_most():
 
 
 def test_the_sentence_says_what_is_gained_and_what_is_lost():
-    said = verdict(_row("fitted"), _row("standard"))
-    assert said.startswith(
+    reported = verdict(_row("fitted"), _row("standard"))
+    assert reported.startswith(
         "The fitted table saves 4.9% of hover power at the shafts against the standard one (+5.1% time"
     )
-    assert "0.9% from 15 to 25 kg (standard: 8.1%)" in said
-    assert "gives up: ceiling 2.09 times the weight (2.43, -14%), yaw 6.2 N m" in said
+    assert "0.9% from 15 to 25 kg (standard: 8.1%)" in reported
+    assert "gives up: ceiling 2.09 times the weight (2.43, -14%), yaw 6.2 N m" in reported
     assert "THR_MDL_FAC 0.69" in remark_on_curve(_row(CURVED), _row("fitted"), worths().own_curve)
     shown = {row[0]: row[1:] for row in rows(worths().rows, 700.0)}
     assert len(shown["hover on 700 Wh, drive 80%, minutes"]) == len(worths().rows) == 6

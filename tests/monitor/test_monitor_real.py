@@ -103,9 +103,9 @@ def serving(*command: str, at: int | None = None) -> Iterator[tuple[subprocess.P
     port = ("--web", "--port", str(at or free_port()))
     served = subprocess.Popen([*command, *port], stdout=subprocess.PIPE, text=True)
     assert served.stdout is not None
-    with served.stdout as said:
+    with served.stdout as reported:
         try:
-            yield served, said.readline().split()[2]
+            yield served, reported.readline().split()[2]
         finally:
             served.kill()
             served.wait()
@@ -175,8 +175,8 @@ async def left_by(served: subprocess.Popen[str], url: str) -> int:
 
     own, token = url.split("/?token=")
     async with ClientSession() as http, http.ws_connect(f"{own}/ws/{token}?width=80&height=24") as page:
-        while (said := await page.receive(WAIT_S)).type != WSMsgType.BINARY or len(said.data) < 1000:
-            assert said.type in (WSMsgType.BINARY, WSMsgType.TEXT)  # until the screen is drawn
+        while (reported := await page.receive(WAIT_S)).type != WSMsgType.BINARY or len(reported.data) < 1000:
+            assert reported.type in (WSMsgType.BINARY, WSMsgType.TEXT)  # until the screen is drawn
         (screen,) = screens_of(served)
         served.kill()
         served.wait()

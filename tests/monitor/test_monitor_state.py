@@ -367,10 +367,10 @@ def test_the_battery_of_either_message() -> None:
 def test_minutes_are_the_autopilot_s_else_by_energy_else_by_the_trend() -> None:
     power_W = 24.8 * 31.5
     large = Vehicle(dataclasses.replace(X8.airframe, battery_Wh=500.0), X8.rotors)
-    told = battery()
-    told.time_remaining = 600
+    determined = battery()
+    determined.time_remaining = 600
     for pack, vehicle, minutes, by in (
-        (told, large, 10.0, "autopilot"),
+        (determined, large, 10.0, "autopilot"),
         (battery(), large, 60 * 500 * 0.83 / power_W, "battery_Wh"),
         (battery(), X8, None, ""),
     ):

@@ -92,9 +92,9 @@ async def shown(page: Any, part: bytes) -> bytes:
     """What a page got, until this was in it."""
     got = b""
     while part not in got:
-        said = await page.receive(WAIT_S)
-        assert said.type == WSMsgType.BINARY, (said, got)
-        got += said.data
+        reported = await page.receive(WAIT_S)
+        assert reported.type == WSMsgType.BINARY, (reported, got)
+        got += reported.data
     return got
 
 
@@ -179,9 +179,9 @@ def test_what_a_browser_says_is_keys_and_bounded_sizes() -> None:
         ):
             page = await s.open()
             await page.send_str(rubbish)
-            while (said := await page.receive(WAIT_S)).type == WSMsgType.BINARY:
+            while (reported := await page.receive(WAIT_S)).type == WSMsgType.BINARY:
                 pass
-            assert said.type == WSMsgType.CLOSE, rubbish
+            assert reported.type == WSMsgType.CLOSE, rubbish
             await page.close()
         await s.until_running(0)
 
@@ -221,8 +221,8 @@ def test_a_browser_needs_textual_serve(
     monkeypatch.setitem(sys.modules, "textual_serve.server", None)
     with pytest.raises(SystemExit, match="2"):
         main(["monitor", "--web", "--connect", "tcp:127.0.0.1:9"])
-    said = capsys.readouterr().err
-    assert said == (
+    reported = capsys.readouterr().err
+    assert reported == (
         "coaxlink: --web: textual-serve is needed, which is not installed: "
         "pip install 'coaxlink[web]', in a clone pip install -e '.[web]'\n"
     )
@@ -243,5 +243,7 @@ def test_malformed_requests_are_a_line_each_and_no_traceback(capsys: pytest.Capt
             writer.close()
 
     run(ask)
-    said = capsys.readouterr().err.splitlines()
-    assert 0 < len(said) <= web.SAID and all("malformed request was refused: " in line for line in said)
+    reported = capsys.readouterr().err.splitlines()
+    assert 0 < len(reported) <= web.REPORTED and all(
+        "malformed request was refused: " in line for line in reported
+    )

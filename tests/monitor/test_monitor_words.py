@@ -122,8 +122,8 @@ def test_battery_in_a_word_with_minutes() -> None:
     pack = battery()
     assert words.battery_words(look(heartbeat(), pack)).plain == "battery ok"
     pack.time_remaining, pack.charge_state = 250, 3
-    said = words.battery_words(look(heartbeat(), pack))
-    assert said.plain == "CRITICAL, 4 min left" and marks.BAD in str(said.style) + str(said.spans)
+    reported = words.battery_words(look(heartbeat(), pack))
+    assert reported.plain == "CRITICAL, 4 min left" and marks.BAD in str(reported.style) + str(reported.spans)
     assert words.battery_words(look(heartbeat())).plain == "charge not reported"
 
 
@@ -137,11 +137,11 @@ def test_texts_have_times_and_severities_newest_first() -> None:
     first = mavlink.MAVLink_statustext_message(6, b"Takeoff detected")
     low = mavlink.MAVLink_statustext_message(4, b"low battery")
     view = look(heartbeat(), attitude(boot_ms=61500), first, low, later_s=2.0)
-    lines = words.said(view, datetime(2026, 1, 1, 12, 0, 2)).plain.split("\n")
+    lines = words.reported(view, datetime(2026, 1, 1, 12, 0, 2)).plain.split("\n")
     assert lines[0].split() == ["1:01.5", "12:00:00", "warning", "low", "battery"]
     assert lines[1].split()[2:] == ["info", "Takeoff", "detected"] and len(lines) == 2
-    assert "12:" not in words.said(view, None).plain
-    assert words.said(look(heartbeat()), None).plain == "no message yet"
+    assert "12:" not in words.reported(view, None).plain
+    assert words.reported(look(heartbeat()), None).plain == "no message yet"
 
 
 def test_the_table_s_parameters_stand_in_columns_below_the_command_that_writes() -> None:

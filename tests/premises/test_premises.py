@@ -101,8 +101,8 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
                 assert check in {d["check"] for d in found.as_json()["not_this_vehicle"]}
                 if check not in refined:
                     refined.add(check)
-                    said = refine(log, vehicle.declared, ROTORS).to_json()
-                    assert said["verdict"] == "not this vehicle" and said["effects"] == []
+                    reported = refine(log, vehicle.declared, ROTORS).to_json()
+                    assert reported["verdict"] == "not this vehicle" and reported["effects"] == []
                 checks = [
                     r.as_json().get("check") for r in flown_by(checked([log], vehicle.declared), vehicle)
                 ]
@@ -179,11 +179,11 @@ def test_a_guessed_inertia_ends_in_the_right_rotor_or_in_what_to_measure(flights
             assert {c.premise for c in found.cannot_judge} <= set(GUESSED) and not found.suspects
         else:
             assert found.verdict == right and (right == "sound" or found.suspects[0].rotor == WEAK)
-    told = refine(flights[1], vehicle.declared, ROTORS)
-    if told.cannot_judge:
-        assert {c.premise for c in told.cannot_judge} <= set(GUESSED) and told.model is None
+    determined = refine(flights[1], vehicle.declared, ROTORS)
+    if determined.cannot_judge:
+        assert {c.premise for c in determined.cannot_judge} <= set(GUESSED) and determined.model is None
     else:
-        assert "degraded_rotor" in {e.name for e in told.effects}
+        assert "degraded_rotor" in {e.name for e in determined.effects}
 
 
 @pytest.mark.slow
@@ -248,8 +248,10 @@ def test_a_log_that_is_not_a_whole_flight_says_what_it_does_not_hold():
             (holed.take(holed["time_s"] > 3.0), ("begins in the air and has a gap of 4.0 s",)),
         ):
             with case(str(words)):
-                said = tuple(unseen([log]))
-                assert len(said) == len(words) and all(w in s for w, s in zip(words, said, strict=True))
+                reported = tuple(unseen([log]))
+                assert len(reported) == len(words) and all(
+                    w in s for w, s in zip(words, reported, strict=True)
+                )
 
 
 def test_every_stretch_of_a_log_is_judged_and_one_on_the_ground_is_named(flights):

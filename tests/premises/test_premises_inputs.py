@@ -74,12 +74,12 @@ def test_what_is_no_reading_for_a_while_is_left_out_and_the_rest_is_judged(sound
 
 def test_a_silent_esc_leaves_the_others(sound):
     rng = np.random.default_rng(0)
-    told = {
+    determined = {
         f"rpm{n}": 5400.0 * sound[f"motor{n}"] + 3.0 * rng.standard_normal(sound.rows) for n in range(1, 9)
     }
-    log = sound.with_columns(**told)
+    log = sound.with_columns(**determined)
     whole = coefficients_from_flights([log], X8, ROTORS).loads
-    dead = {"rpm3": np.where(sound["time_s"] > 20.0, told["rpm3"][1000], told["rpm3"])}
+    dead = {"rpm3": np.where(sound["time_s"] > 20.0, determined["rpm3"][1000], determined["rpm3"])}
     never = {"rpm3": np.full(sound.rows, np.nan)}
     with case_table() as case:
         for name, harm in (("from 20 s on", dead), ("from the first row on", never), ("not logged", None)):
@@ -125,21 +125,21 @@ def test_field_escs_that_are_offline_frozen_or_negative(capsys):
                     _, _, value, sd = loads[load]
                     assert abs(value - truth) < 1.96 * sd
                 frame, rotor = (path.parent / n for n in ("x8_paper.toml", "rotor_paper.toml"))
-                code, _, said = run(capsys, "identify", path, "--airframe", frame, "--rotor", rotor)
-                assert code == 0 and words in said
+                code, _, reported = run(capsys, "identify", path, "--airframe", frame, "--rotor", rotor)
+                assert code == 0 and words in reported
 
 
 def test_identify_refuses_speeds_that_the_commands_contradict_and_loads_outside_their_prior(sound):
     t, noise = sound["time_s"], 3.0 * np.random.default_rng(1).standard_normal((8, sound.rows))
-    told = {f"rpm{n}": 5400.0 * sound[f"motor{n}"] + noise[n - 1] for n in range(1, 9)}
-    wanders = {"rpm5": told["rpm5"] * (1.0 + 0.2 * np.sin(t / 3.0))}
-    log = sound.with_columns(**told | wanders)
-    assert not flown_by(checked([sound.with_columns(**told)], X8), VEHICLE)
+    determined = {f"rpm{n}": 5400.0 * sound[f"motor{n}"] + noise[n - 1] for n in range(1, 9)}
+    wanders = {"rpm5": determined["rpm5"] * (1.0 + 0.2 * np.sin(t / 3.0))}
+    log = sound.with_columns(**determined | wanders)
+    assert not flown_by(checked([sound.with_columns(**determined)], X8), VEHICLE)
     (reason,) = flown_by(checked([log], X8), VEHICLE)
     assert reason.premise == "rpm" and "by the commands" in reason.why
     # and where nothing else told: what comes out is what the rotor file calls impossible
-    frozen = {"rpm5": np.where(t > 10.0, 1.3 * told["rpm5"][500], told["rpm5"])}
-    log = sound.with_columns(**told | frozen)
+    frozen = {"rpm5": np.where(t > 10.0, 1.3 * determined["rpm5"][500], determined["rpm5"])}
+    log = sound.with_columns(**determined | frozen)
     update = coefficients_from_flights([log], X8, ROTORS)
     reasons = update_hangs_on(update, [log], VEHICLE)
     assert {r.premise for r in reasons} == {"rotor_model"} and "in hover would be" in reasons[0].why

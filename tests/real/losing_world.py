@@ -26,12 +26,12 @@ class Loss:
     rotor: int
     share: float
     after_s: float = math.inf
-    told: Any = None
+    determined: Any = None
 
     @classmethod
     def by_word(cls, rotor: int, share: float) -> Loss:
         """One that waits for its event."""
-        return cls(rotor, share, told=multiprocessing.get_context("spawn").Event())
+        return cls(rotor, share, determined=multiprocessing.get_context("spawn").Event())
 
 
 class Losing(Truth):
@@ -45,7 +45,9 @@ class Losing(Truth):
         super().act(plant)
         since, self.last_s = plant.time_s - self.last_s, plant.time_s
         self.air_s += 0.0 if plant.height < 0.5 else since
-        due = self.air_s >= self.loss.after_s or (self.loss.told is not None and self.loss.told.is_set())
+        due = self.air_s >= self.loss.after_s or (
+            self.loss.determined is not None and self.loss.determined.is_set()
+        )
         if due and not self.happened:
             self.happened = True
             effect = HiddenEffect("degraded_rotor", self.loss.share, 0.0, {"rotor": self.loss.rotor})

@@ -73,10 +73,10 @@ class Flier:
     def ready(self) -> None:
         """Until its own checks pass: its estimator takes its time."""
         for _ in range(20):
-            code, told, _ = self.fly("--dry-run", "--battery", "0")
+            code, determined, _ = self.fly("--dry-run", "--battery", "0")
             if code == 0:
                 return
-        raise AssertionError(told)
+        raise AssertionError(determined)
 
 
 @contextmanager
@@ -177,11 +177,11 @@ def test_plans_are_flown_and_their_logs_come_down(tmp_path: Path, firmware: str)
         for plan in ("hover", "circle", "identify"):
             vehicle.out = tmp_path / plan
             refine = ("--airframe", str(AIRFRAME)) if plan == "identify" else ()
-            code, told, found = vehicle.fly("--plan", plan, "--height", "4", *refine)
-            assert code == 0, told
+            code, determined, found = vehicle.fly("--plan", plan, "--height", "4", *refine)
+            assert code == 0, determined
             assert found["result"] == "flown" and found["flown_s"] > 0.98 * found["plan_s"]
             assert found["worst_off_plan_m"] < OFF_PLAN_M[firmware]
-            assert found["crc"] == "same", told
+            assert found["crc"] == "same", determined
             log = read_flight_log(tmp_path / plan / f"flight.{ENDING[firmware]}")
             assert 3.5 < log["height_m"].max() < 6.0
             lengths.append(float(log["time_s"][-1] - log["time_s"][0]))
@@ -197,12 +197,12 @@ def test_its_pilot_ends_it_at_once(tmp_path: Path, firmware: str) -> None:
         thread = threading.Thread(target=pilot.takes_over, args=(12,))
         thread.start()
         try:
-            code, told, found = vehicle.fly("--plan", "hover", "--no-log")
+            code, determined, found = vehicle.fly("--plan", "hover", "--no-log")
         finally:
             pilot.stop.set()
             thread.join()
-        assert code == 1, told
-        assert found["result"] == "pilot" and "its pilot or its own failsafe has it" in told
+        assert code == 1, determined
+        assert found["result"] == "pilot" and "its pilot or its own failsafe has it" in determined
         pilot.stop.clear()
         for _ in range(4):  # nobody took it back
             beat = pilot.beat()
@@ -224,19 +224,19 @@ def test_a_breach_of_the_fence_lands_it(tmp_path: Path, firmware: str) -> None:
     truth = tmp_path / "truth.toml"
     truth.write_text(WIND)
     with flier(firmware, tmp_path, "--truth", str(truth)) as vehicle, Second(vehicle) as pilot:
-        code, told, found = vehicle.fly("--plan", "circle", "--fence", "2.05")
-        assert code == 4, told
-        assert found["result"] == "limit" and "from the take-off point, 2.05 is the limit" in told
+        code, determined, found = vehicle.fly("--plan", "circle", "--fence", "2.05")
+        assert code == 4, determined
+        assert found["result"] == "limit" and "from the take-off point, 2.05 is the limit" in determined
         assert not pilot.beat().base_mode & 128
-        assert found["crc"] == "same", told
+        assert found["crc"] == "same", determined
 
 
 @firmwares
 def test_it_is_refused_while_armed(tmp_path: Path, firmware: str) -> None:
     with flier(firmware, tmp_path) as vehicle, Second(vehicle) as pilot:
         pilot.armed(True, 400, 1)
-        code, told, found = vehicle.fly("--plan", "hover", "--battery", "0")
-        assert code == 4 and "the vehicle is armed" in told
+        code, determined, found = vehicle.fly("--plan", "hover", "--battery", "0")
+        assert code == 4 and "the vehicle is armed" in determined
         assert found["result"] == "not armed"
 
 
@@ -250,15 +250,19 @@ def test_a_refused_arming_is_in_its_own_words(tmp_path: Path) -> None:
         board.boot(values) as url,
     ):
         vehicle = Flier("px4", url, "", tmp_path / "flight")
-        code, told, _ = vehicle.fly("--plan", "hover", "--battery", "0")
-    sys.stdout.write(f"\n{code}: {told}")
-    assert code == 4 and "it says: " in told and "Preflight Fail: Open Drone ID system missing" in told
+        code, determined, _ = vehicle.fly("--plan", "hover", "--battery", "0")
+    sys.stdout.write(f"\n{code}: {determined}")
+    assert (
+        code == 4
+        and "it says: " in determined
+        and "Preflight Fail: Open Drone ID system missing" in determined
+    )
 
 
 @pytest.mark.skipif(not BINARIES["px4"], reason="PX4_SITL names no binary")
 def test_a_falling_battery_lands_it(tmp_path: Path) -> None:
     with flier("px4", tmp_path, **EMPTIES) as vehicle, Second(vehicle) as pilot:
-        code, told, found = vehicle.fly("--plan", "identify", "--battery", "0.75", "--no-log")
-        assert code == 4, told
-        assert found["result"] == "limit" and "75 is the limit" in told
+        code, determined, found = vehicle.fly("--plan", "identify", "--battery", "0.75", "--no-log")
+        assert code == 4, determined
+        assert found["result"] == "limit" and "75 is the limit" in determined
         assert not pilot.beat().base_mode & 128

@@ -27,8 +27,8 @@ WEAK, AFTER_S = 3, 15.0
 def judged(vehicle: Flier, plan: str, folder: Path) -> dict[str, Any]:
     """What `health` says of a flight of this plan, and how far it was off the plan."""
     vehicle.out = folder / plan
-    code, told, flown = vehicle.fly("--plan", plan, "--height", "4")
-    assert code == 0, told
+    code, determined, flown = vehicle.fly("--plan", plan, "--height", "4")
+    assert code == 0, determined
     log, answer = vehicle.out / f"flight.{ENDING[vehicle.firmware]}", vehicle.out / "health.json"
     done = coaxlink("health", str(log), "--airframe", str(AIRFRAME), "--json", str(answer), fails=True)
     assert answer.is_file(), done.stderr
@@ -69,7 +69,7 @@ def test_monitor_names_it_while_it_hovers(tmp_path: Path, firmware: str) -> None
     def lose(_: str, t: float) -> None:
         if t > 30.0 and not since:
             since.append(session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3)
-            loss.told.set()
+            loss.determined.set()
 
     with flier(firmware, tmp_path, loss=loss) as vehicle, connect(vehicle.url, timeout_s=60.0) as session:
         command = [sys.executable, "-m", "coaxlink", "monitor", "--connect", vehicle.pilot]
@@ -80,9 +80,9 @@ def test_monitor_names_it_while_it_hovers(tmp_path: Path, firmware: str) -> None
             stderr=subprocess.STDOUT, env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
         flown.follow(FlightPlan((Hold("hover", (0.0, 0.0, -3.0), 80.0),)), lose)
-        said, _ = watch.communicate(timeout=120.0)
+        reported, _ = watch.communicate(timeout=120.0)
         flown.land()
     (call,) = json.loads((tmp_path / "m.json").read_text())["health"]["calls"]
     sys.stdout.write(f"\n{firmware}, monitor, after {call['time_s'] - since[0]:.1f} s: {call}")
     assert call["rotor"] == WEAK and abs(call["loss"] - 0.1) < 3 * call["loss_sd"]
-    assert f"rotor {WEAK} (x) lost" in said
+    assert f"rotor {WEAK} (x) lost" in reported

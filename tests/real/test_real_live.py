@@ -68,10 +68,10 @@ def test_it_is_mixed_live_by_one_companion_and_handed_back(tmp_path: Path) -> No
                 time.sleep(1.5)
                 mixed = pair_split(session, 3.0)
                 assert first.state == "live"
-                for component, said in ((192, "component 191"), (191, "our own ids, on another link")):
+                for component, reported in ((192, "component 191"), (191, "our own ids, on another link")):
                     outcome = beside(f"udpin:127.0.0.1:{port}", component)
                     sys.stdout.write(f"\nsecond companion, component {component}: {outcome}")
-                    assert "another companion commands the motors (system" in outcome and said in outcome
+                    assert "another companion commands the motors (system" in outcome and reported in outcome
                 assert first.summary()["cycles"] > 100
                 assert not first.failed.is_set()
             time.sleep(1.0)

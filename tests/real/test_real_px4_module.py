@@ -115,11 +115,13 @@ def test_a_second_companion_drives_nothing(air: Air) -> None:
         before = air.fly(Hold("driven", HERE, 3.0))
         second = air.start_mix(theirs, "reduced", "second")
         flown = air.fly(Hold("two of them", HERE, 10.0))
-        code, said = second.wait(30.0), (air.folder / "second.log").read_text()
+        code, reported = second.wait(30.0), (air.folder / "second.log").read_text()
     grown = {k: int(flown["facts"][n] - before["facts"][n]) for n, k in enumerate(REFUSALS)}
     moved = np.abs(flown["down"] - flown["down"][0]).max()
-    tell(f"a second companion: exit {code}, refused {grown}, height {100 * moved:.0f} cm; it said: {said}")
-    assert code == 4 and "another companion" in said
+    tell(
+        f"a second companion: exit {code}, refused {grown}, height {100 * moved:.0f} cm; it said: {reported}"
+    )
+    assert code == 4 and "another companion" in reported
     assert flown["share"][:, 1].min() == 1.0
 
 
@@ -236,18 +238,20 @@ def test_a_rotor_dies_and_is_taken_out(tmp_path: Path, flown_by: str) -> None:
     with flying(Path(BINARY), tmp_path, loss=loss, module=flown_by != "px4", **cares) as air:
         board, session = air.board, air.session
         began: list[float] = []
-        told: list[subprocess.Popen[bytes]] = []
+        determined: list[subprocess.Popen[bytes]] = []
 
         def die(segment: str, t: float) -> None:
             if segment == "dead" and not began:
                 began.append(session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3)
-                loss.told.set()
+                loss.determined.set()
                 command = [str(board.binary.parent / "px4-failure"), "--instance", str(board.instance)]
-                told.append(subprocess.Popen([*command, "motor", "off", "-i", str(DEAD)], cwd=board.folder))
+                determined.append(
+                    subprocess.Popen([*command, "motor", "off", "-i", str(DEAD)], cwd=board.folder)
+                )
 
         with air.mix() if flown_by == "companion" else nullcontext():
             flown = air.fly(Hold("sound", HERE, 3.0), Hold("dead", HERE, 8.0), watch=die)
-        assert told[0].wait(10.0) == 0
+        assert determined[0].wait(10.0) == 0
         air.vehicle.land()
     pulses, after = flown["pulses"], flown["segment"] == "dead"
     still = pulses[(pulses[:, 0] > began[0]) & (pulses[:, DEAD] <= 1000.0), 0]
@@ -270,7 +274,7 @@ def test_mix_names_a_rotor_that_loses_a_tenth(tmp_path: Path) -> None:
         with air.mix("exact"):
             air.fly(Hold("sound", HERE, 20.0))
             since = air.session.latest("LOCAL_POSITION_NED").time_boot_ms / 1e3
-            loss.told.set()
+            loss.determined.set()
             air.fly(Hold("weak", HERE, 8.0))
         air.vehicle.land()
     (call,) = json.loads((tmp_path / "mix.json").read_text())["health"]["calls"]

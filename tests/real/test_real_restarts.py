@@ -65,16 +65,16 @@ def test_an_upload_that_was_cut_is_one_boards(tmp_path: Path) -> None:
         folder.mkdir(exist_ok=True)
         return arducopter(Path(BINARY), folder, FACTORY, *WORLD, port=ports[number], cut=cut)
 
-    def told(url: str) -> str:
+    def determined(url: str) -> str:
         done = coaxlink("upload", str(tables), "--connect", url, "--dry-run", cwd=tmp_path, fails=True)
         return done.stdout + done.stderr
 
     with pytest.raises(Pulled), boot(0, cut=True) as url:
         cut_upload(url, tables, tmp_path, 5)
     with boot(1) as url:
-        other = told(url)
+        other = determined(url)
     with boot(0) as url:
-        own = told(url)
+        own = determined(url)
         upload(url, tables, tmp_path)
         verified(url, tables, tmp_path)
     sys.stdout.write(f"\nthe other board: {other}\nits own: {own}")

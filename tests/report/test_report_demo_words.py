@@ -32,14 +32,14 @@ MORE = "on 5.0% more battery power than the standard one (2100 W for 2000 W): -4
 
 def test_the_first_sentence_says_what_it_is_worth_whichever_way_it_goes():
     with case_table() as case:
-        for ours, theirs, said in (
+        for ours, theirs, reported in (
             (1900.0, 2000.0, LESS),
             (2100.0, 2000.0, MORE),
             (2000.0, 2000.4, "on the same battery power (2000 W)"),
             (None, 2000.0, "did not report the power"),
         ):
-            with case(f"{ours}, {theirs}, {said}"):
-                assert said in flown({"standard": flight(theirs), "fitted": flight(ours)})[0]
+            with case(f"{ours}, {theirs}, {reported}"):
+                assert reported in flown({"standard": flight(theirs), "fitted": flight(ours)})[0]
 
 
 def test_height_share_and_what_no_gain_takes_off_are_those_of_the_flights():
@@ -60,15 +60,17 @@ def sentence(refinement):
 
 def test_the_story_names_what_was_found_and_what_it_takes_off():
     found = FoundEffect("battery_voltage", ("force_z",), (), {"force_z": (8.0, 0.25)}, {}, "")
-    said = sentence(Refinement("flight", CHANNELS, (found,), (), (), (), (), None))
-    assert "18.00 N of thrust" in said and "(40.00 N" in said
-    assert "coaxlink found battery_voltage" in said
-    assert "downward force from 8 to 0.25 N (noise alone: 0.2)" in said and "forward force" not in said
+    reported = sentence(Refinement("flight", CHANNELS, (found,), (), (), (), (), None))
+    assert "18.00 N of thrust" in reported and "(40.00 N" in reported
+    assert "coaxlink found battery_voltage" in reported
+    assert (
+        "downward force from 8 to 0.25 N (noise alone: 0.2)" in reported and "forward force" not in reported
+    )
 
 
 def test_a_story_without_an_effect_claims_none():
-    said = sentence(Refinement("flight", CHANNELS, (), (), (), (), (), None))
-    assert "found" not in said and "falls" not in said and "nothing to explain" in said
+    reported = sentence(Refinement("flight", CHANNELS, (), (), (), (), (), None))
+    assert "found" not in reported and "falls" not in reported and "nothing to explain" in reported
 
 
 def test_what_a_vehicle_spends_before_the_plan_begins_is_no_part_of_its_power():

@@ -68,7 +68,7 @@ def test_every_rotor_pair_and_axis_is_drawn(hover):
 @pytest.mark.parametrize(
     "ct, said", [(6.5, "PX4's default, 6.5"), (65.0, ""), (2.0, "not in newtons (5 N for 171 N)")]
 )
-def test_a_table_whose_ct_nobody_measured_is_not_held_against_the_flight(hover, monkeypatch, ct, said):
+def test_a_table_whose_ct_nobody_measured_is_not_held_against_the_flight(hover, monkeypatch, ct, reported):
     log, vehicle = hover
     board = {"CA_ROTOR_COUNT": 8.0, "CA_AIRFRAME": 0.0, "CA_METHOD": 2.0, "THR_MDL_FAC": 1.0}
     for n, rotor in enumerate(vehicle.airframe.rotors):
@@ -78,9 +78,9 @@ def test_a_table_whose_ct_nobody_measured_is_not_held_against_the_flight(hover, 
     read = [replace(r, parameters=board) for r in read_flights(log)]
     monkeypatch.setattr("coaxlink.report.flight_charts.read_flights", lambda *_: read)
     [flight] = flight_charts(log, vehicle)
-    assert ("of what the rotor model says" in flight.answer) == bool(said)
-    assert ("of what the table on board says" in flight.answer) != bool(said)
-    assert said in flight.answer and ("measure the rotors" in flight.answer) == bool(said)
+    assert ("of what the rotor model says" in flight.answer) == bool(reported)
+    assert ("of what the table on board says" in flight.answer) != bool(reported)
+    assert reported in flight.answer and ("measure the rotors" in flight.answer) == bool(reported)
 
 
 def test_without_a_vehicle_the_log_alone_is_drawn_and_what_is_missing_is_said(hover):

@@ -71,8 +71,8 @@ def test_the_answer_stands_first_and_every_number_can_be_read(made):
     assert "8.65 million" in shown and "8648779" not in shown
     assert "below 1 in a million" in shown and "<td>0</td>" not in shown
     assert "roll torque" in shown and "torque_x" not in shown
-    said = shown[shown.index("<h2>Remarks") : shown.index("What was tried")]
-    assert said.count("never above 3 m") == 1 and "a, b, c, d, e, f: cannot be judged" in said
+    reported = shown[shown.index("<h2>Remarks") : shown.index("What was tried")]
+    assert reported.count("never above 3 m") == 1 and "a, b, c, d, e, f: cannot be judged" in reported
     assert made.files[0][1] in shown and "http" not in shown
 
 
@@ -86,9 +86,9 @@ def test_the_sentence_has_a_unit_once_no_switch_and_no_part_larger_than_the_whol
             ParameterValue("levelling_s_m", 0.0182, (0.016, 0.0216), "s/m"),
         ),
     )
-    said = sentence(replace(FOUND, effects=(inflow,)))
-    assert "axial inflow (thrust per climb 1.34 N s/m, levelling 0.0182 s/m)" in said
-    assert "to 0.0034 N m (noise alone: 0.0034)" in said
+    reported = sentence(replace(FOUND, effects=(inflow,)))
+    assert "axial inflow (thrust per climb 1.34 N s/m, levelling 0.0182 s/m)" in reported
+    assert "to 0.0034 N m (noise alone: 0.0034)" in reported
 
 
 def test_what_was_chosen_has_no_interval_on_the_screen_and_a_share_no_unit():
@@ -122,7 +122,8 @@ def test_a_table_of_many_columns_is_cards_on_a_phone_and_one_of_few_is_not():
 
 def test_a_picture_is_whole_in_its_page_however_large(made):
     png = bytes(range(256)) * 400
-    shown = render("compare.html", title="t", made=made, lead="", said=(), picture=PagePicture(png, "<c>"),
+    page = PagePicture(png, "<c>")
+    shown = render("compare.html", title="t", made=made, lead="", reported=(), picture=page,
                   worths=PageTable((), ()), terms="", laws=PageTable((), ()))  # fmt: skip
     (encoded,) = re.findall(r'src="data:image/png;base64,([^"]*)"', shown)
     assert base64.b64decode(encoded) == png and "<c>" not in shown
@@ -130,9 +131,9 @@ def test_a_picture_is_whole_in_its_page_however_large(made):
 
 @pytest.mark.parametrize("found", [{}, {"surface": (SmoothSurface("upper_thrust", 0.1, 0.01, "N"),)}])
 def test_that_nothing_is_found_says_how_probable_it_is_that_something_is_there(found):
-    said = Refinement("stand", {}, (), (), (), (), (), None, more=0.44, **found)
-    assert verdict(said).endswith("probability that something is there: 0.44")
-    assert "probability" not in verdict(replace(said, more=None))
+    reported = Refinement("stand", {}, (), (), (), (), (), None, more=0.44, **found)
+    assert verdict(reported).endswith("probability that something is there: 0.44")
+    assert "probability" not in verdict(replace(reported, more=None))
 
 
 def test_a_centre_of_mass_is_read_in_millimetres():

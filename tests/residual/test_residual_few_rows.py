@@ -31,5 +31,5 @@ def test_one_rotor_at_two_supplies_shows_what_the_voltage_does():
     thrust = 22.0 * turned**2 + 2.0 * turned + 0.03 * rng.standard_normal(20)
     columns = {"time_s": 2.0 * np.arange(20), "upper_throttle": throttle, "voltage_V": volts}
     answer = refine_stand(Samples({**columns, "upper_thrust_N": thrust}, "sheet.csv"))
-    said = names(answer) or list(answer.ambiguous[0].names)
-    assert said[0] == "battery_voltage"
+    reported = names(answer) or list(answer.ambiguous[0].names)
+    assert reported[0] == "battery_voltage"

@@ -92,10 +92,10 @@ def test_a_period_is_a_line_and_a_wander_is_none():
     noise = rng.standard_normal(600)
     wander = np.convolve(rng.standard_normal(700), np.ones(100) / 10.0, "valid")[:600]
     chance = [found[2] for found in (period_of(noise), period_of(wander)) if found]
-    assert all(nats < 5.0 for nats in chance)
-    seconds, rms, nats = period_of(noise + 1.5 * np.sin(np.arange(600) / 3.0))
+    assert all(log_evidence < 5.0 for log_evidence in chance)
+    seconds, rms, log_evidence = period_of(noise + 1.5 * np.sin(np.arange(600) / 3.0))
     assert seconds == pytest.approx(6.0 * np.pi, rel=0.02) and rms == pytest.approx(1.06, rel=0.15)
-    assert nats > 50.0
+    assert log_evidence > 50.0
 
 
 @pytest.mark.parametrize("limit", [0.4, 2.0])

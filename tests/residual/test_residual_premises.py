@@ -39,9 +39,9 @@ def found(*names):
 
 def test_what_a_withheld_name_explains_is_told_with_its_size():
     reason = not_judged("mass_kg", "the lift is 4 % off")
-    said = found("ground_effect").unnamed([reason])
-    (end,) = said.unexplained
-    assert said.effects == () and said.cannot_judge == (reason,)
+    reported = found("ground_effect").unnamed([reason])
+    (end,) = reported.unexplained
+    assert reported.effects == () and reported.cannot_judge == (reason,)
     assert (end.channel, end.depends_on) == ("force_z", ("height_m",)) and end.rmse == pytest.approx(
         5.0, 0.01
     )
@@ -60,7 +60,7 @@ def test_what_a_withheld_name_explains_is_told_with_its_size():
         (("ground_effect",), "estimated", False),  # nobody's word: it is to be measured first
     ],
 )
-def test_names_that_hang_on_no_mass_stay_where_the_lift_is_off(monkeypatch, moved, source, told):
+def test_names_that_hang_on_no_mass_stay_where_the_lift_is_off(monkeypatch, moved, source, determined):
     frame = SimpleNamespace(
         thrust=np.full((9, 8), 24.5),
         keep=np.arange(9),
@@ -76,12 +76,12 @@ def test_names_that_hang_on_no_mass_stay_where_the_lift_is_off(monkeypatch, move
     monkeypatch.setattr(MODULE, "at_bounds", lambda *_: [not_judged("mass_kg", "4 % off")])
     monkeypatch.setattr(MODULE, "as_if", lambda frame, body: SimpleNamespace(airframe=body))
     monkeypatch.setattr(MODULE, "judge_flight", judge)
-    said = _whatever_lifts(found("ground_effect"), [], frame)
-    assert (said is not None) is told
-    if said is not None:
+    reported = _whatever_lifts(found("ground_effect"), [], frame)
+    assert (reported is not None) is determined
+    if reported is not None:
         assert weighed == [pytest.approx(X8.mass_kg / 1.04)]
-        assert [e.name for e in said.effects] == ["ground_effect"] and said.cannot_judge == ()
-        (doubt,) = said.ambiguous
+        assert [e.name for e in reported.effects] == ["ground_effect"] and reported.cannot_judge == ()
+        (doubt,) = reported.ambiguous
         assert doubt.names == ("mass_change", "thrust_level") and "weigh it" in doubt.separate_by
 
 
@@ -115,6 +115,8 @@ def test_a_lift_that_is_off_is_a_doubt_about_mass_and_level():
     """A stranger's flight that lifts 5.6 % off, by a mass; its pack is not logged."""
     log = read_flight_log(WORLDS / "logs" / "s1_08.csv")
     truth = json.loads((WORLDS / "truth.json").read_text())["s1_08"]
-    said = refine(log, load_airframe(WORLDS / truth["airframe"]), load_rotor_model(WORLDS / truth["rotor"]))
-    assert said.effects == ()
-    assert [a.names for a in said.ambiguous] == [("mass_change", "thrust_level", "battery_voltage")]
+    reported = refine(
+        log, load_airframe(WORLDS / truth["airframe"]), load_rotor_model(WORLDS / truth["rotor"])
+    )
+    assert reported.effects == ()
+    assert [a.names for a in reported.ambiguous] == [("mass_change", "thrust_level", "battery_voltage")]

@@ -24,7 +24,7 @@ from sim.physics.sensors import Sensors
 from sim.px4.autopilot import Mode
 from sim.px4.cascade import Goal
 from sim.recorder import RATES, TlogPort
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 AIRFRAME = files.example("x8_demo.toml")
 RATE = 250  # steps of the stand-in a second
@@ -48,7 +48,7 @@ def tlog_flight(
 ) -> float:
     """A telemetry log with outputs at `hz`, an ArduPilot's sensors without noise. The top speed, m/s."""
     monkeypatch.setitem(RATES, 36, hz)
-    standin = build(World(AIRFRAME, None, firmware, seed=seed, **world), [], 0.0)  # type: ignore[arg-type]
+    standin = build(Simulation(AIRFRAME, None, firmware, seed=seed, **world), [], 0.0)  # type: ignore[arg-type]
     a = standin.autopilot
     if firmware == "ardupilot":
         low = replace(a.sensors.noise, accel_m_s2=0.001, gyro_rad_s=2e-5)
@@ -93,6 +93,6 @@ def test_a_weak_rotor_shows_through_steps_of_a_milliradian(
     answer = asked(log)
     assert answer.suspect_data == ()
     (weak,) = answer.effects
-    said = {p.name: p.value for p in weak.parameters}
-    assert weak.name == "degraded_rotor" and said["rotor"] == 3.0
-    assert said["thrust_loss"] == pytest.approx(0.06, abs=0.005)
+    reported = {p.name: p.value for p in weak.parameters}
+    assert weak.name == "degraded_rotor" and reported["rotor"] == 3.0
+    assert reported["thrust_loss"] == pytest.approx(0.06, abs=0.005)

@@ -123,9 +123,11 @@ def test_cells_without_numbers_at_the_librarys_door(paper):
     columns["lower_torque_Nm"] = np.full(len(rows), np.nan)
     answer = refined(columns, paper)
     assert names(answer) == ["rotor_spacing"] and "lower_torque" not in answer.channels
-    told = " ".join(answer.notes)
-    assert f"{np.sum(rows % 7 == 3)} rows without a number in upper_rpm are left out" in told
-    assert "motor_temperature_C: empty in" in told and "lower_torque_Nm: no row has a number" in told
+    determined = " ".join(answer.notes)
+    assert f"{np.sum(rows % 7 == 3)} rows without a number in upper_rpm are left out" in determined
+    assert (
+        "motor_temperature_C: empty in" in determined and "lower_torque_Nm: no row has a number" in determined
+    )
     columns["upper_rpm"][::2] = np.nan
     columns["lower_rpm"][1::2] = np.nan
     with pytest.raises(InputError, match="no row has a number in each of upper_rpm, lower_rpm"):

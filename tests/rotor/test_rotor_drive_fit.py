@@ -124,11 +124,11 @@ def test_no_battery_gives_less_than_the_shaft_takes(offset_A):
 
 
 def test_more_shaft_than_battery_power_is_said_of_the_log():
-    from coaxlink.rotor.log_checks import oddities
+    from coaxlink.rotor.log_checks import unusual
 
-    lines = list(oddities(stand_data(motors(amps_scale=0.6)), "crm"))
+    lines = list(unusual(stand_data(motors(amps_scale=0.6)), "crm"))
     assert any("battery's watts reach the shaft" in line for line in lines)
-    assert not any("reach the shaft" in line for line in oddities(stand_data(motors()), "crm"))
+    assert not any("reach the shaft" in line for line in unusual(stand_data(motors()), "crm"))
 
 
 @pytest.fixture(scope="module")

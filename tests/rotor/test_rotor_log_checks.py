@@ -10,7 +10,7 @@ from coaxlink.data import Samples
 from coaxlink.data.averaging import conditions
 from coaxlink.rotor.fit import Options
 from coaxlink.rotor.identification import identify
-from coaxlink.rotor.log_checks import check_log, coverage, for_the_table, oddities
+from coaxlink.rotor.log_checks import check_log, coverage, for_the_table, unusual
 from coaxlink.rotor.stand_data import StandData, stand_data
 
 TOP = 5400.0
@@ -29,7 +29,7 @@ def full(steps: int = 8) -> tuple[np.ndarray, np.ndarray]:
 
 
 def odd(data: StandData, form: str = "rcrm") -> str:
-    return "\n".join(oddities(data, form))
+    return "\n".join(unusual(data, form))
 
 
 def test_a_sound_log_is_not_odd_nor_is_a_rotor_alone() -> None:

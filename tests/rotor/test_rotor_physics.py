@@ -81,8 +81,8 @@ def test_the_error_beside_the_model_is_that_of_the_model(found):
     loads = found.model.loads(u, v)
     for load in Load:
         missed = float(np.sqrt(np.mean((loads[load] - again[load.column]) ** 2)))
-        said = found.channels[load.channel].rmse
-        assert 0.5 * said < missed < 1.5 * said, load.key
+        reported = found.channels[load.channel].rmse
+        assert 0.5 * reported < missed < 1.5 * reported, load.key
 
 
 def test_rows_that_contradict_physics_are_left_as_measured_and_it_is_said():
@@ -113,16 +113,18 @@ def test_a_fit_that_keeps_to_physics_is_not_touched():
 
 
 def test_the_file_says_where_the_rows_were(found, tmp_path):
-    told = measured(found.data)
-    assert told["upper"] == pytest.approx([0.25, 0.9]) and told["lower"] == pytest.approx([0.25, 0.9])
-    assert told["ratio_least"] == pytest.approx(0.25 / 0.9)
+    determined = measured(found.data)
+    assert determined["upper"] == pytest.approx([0.25, 0.9]) and determined["lower"] == pytest.approx(
+        [0.25, 0.9]
+    )
+    assert determined["ratio_least"] == pytest.approx(0.25 / 0.9)
     u, v = found.data.speeds.upper, found.data.speeds.lower
     turned = pair(u, v)[3] < 0.0
-    assert told["windmilling"] == pytest.approx((v / u)[turned].max(), abs=0.1)
+    assert determined["windmilling"] == pytest.approx((v / u)[turned].max(), abs=0.1)
     path = tmp_path / "rotor.toml"
     save_rotor_model(path, found.model)
     read = load_rotor_model(path).identified["measured"]
-    assert {key: pytest.approx(value) for key, value in told.items()} == read
+    assert {key: pytest.approx(value) for key, value in determined.items()} == read
     assert any("extrapolated" in note for note in found.notes)
 
 

@@ -77,10 +77,10 @@ def test_what_is_not_printed_widens_the_intervals():
     u = np.array([0.7])
     for load in ("upper.torque_Nm", "lower.torque_Nm"):
         assert guessed.spread(load, u, u)[0] > 1.1 * known.spread(load, u, u)[0]
-    assert any("motor's efficiency" in said for said in guessed.guessed)
-    assert any("`pitch_m`" in said for said in guessed.guessed)
+    assert any("motor's efficiency" in reported for reported in guessed.guessed)
+    assert any("`pitch_m`" in reported for reported in guessed.guessed)
     nothing = pair_prior(SingleTable(rpm, 6e-7 * rpm**2, None, None, STAND, "x"), Propeller(DIAMETER, 0.2))
-    assert any("figure of merit" in said for said in nothing.guessed)
+    assert any("figure of merit" in reported for reported in nothing.guessed)
 
 
 def test_figures_of_no_propeller_and_lengths_that_are_no_metres_are_refused():

@@ -72,7 +72,7 @@ def board_of(frame, **changes):
 
 def test_a_board_with_the_same_rotors_or_one_of_another_kind():
     assert check_against(X8, board_of(X8)) == ()
-    for change, said in (
+    for change, reported in (
         ({"spin": "cw"}, "spin"),
         ({"x": -0.1807}, "front or rear"),
         ({"y": -0.1807}, "left or right"),
@@ -80,7 +80,7 @@ def test_a_board_with_the_same_rotors_or_one_of_another_kind():
     ):
         (finding,) = check_against(X8, board_of(X8, r1=change))
         assert finding.severity == "error"
-        assert "rotor 1" in finding.text and said in finding.text
+        assert "rotor 1" in finding.text and reported in finding.text
 
 
 def test_a_board_with_fewer_rotors_or_longer_arms():

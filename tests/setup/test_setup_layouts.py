@@ -69,18 +69,18 @@ def test_px4_without_heights_asks_for_the_upper_rotors_and_the_spacing():
 def test_upper_rotors_that_contradict_the_board():
     layout = px4_layout(px4_params(X8), "board")
     cases = {(1, 6, 2, 3, 4): "both", (1, 2, 3): "neither", (9,): "from 1 to 8", (5, 6, 7, 8): "on top"}
-    for upper, said in cases.items():
-        with pytest.raises(InputError, match=said):
+    for upper, reported in cases.items():
+        with pytest.raises(InputError, match=reported):
             completed(layout, Body("x8", 20.0, upper=upper))
 
 
 def test_px4_parameters_that_hold_no_vehicle():
-    for params, said in (
+    for params, reported in (
         ({}, "CA_ROTOR_COUNT"),
         ({"CA_ROTOR_COUNT": 8, "CA_AIRFRAME": 2}, "a multirotor"),
         (px4_params(X8) | {"CA_ROTOR3_KM": 0.0}, "CA_ROTOR3_KM"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=reported):
             px4_layout(params, "board")
 
 
@@ -91,12 +91,12 @@ def test_three_rotors_on_one_place():
 
 
 def test_a_rotor_where_no_vehicle_reaches_or_without_a_direction():
-    for changed, said in (
+    for changed, reported in (
         ({"CA_ROTOR1_PX": -3e30}, "rotor 2: 3e"),
         ({"CA_ROTOR2_AZ": 0.0}, "CA_ROTOR2_AX, _AY and _AZ: are no direction"),
         ({"CA_ROTOR2_AX": math.nan}, "no direction"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=reported):
             px4_layout(px4_params(X8) | changed, "board")
     with pytest.raises(InputError, match="m from the centre"):
         completed(template("x8"), Body("x8", 20.0, 1e6, 0.1))
@@ -134,8 +134,8 @@ def test_the_motor_test_tells_the_upper_rotor_where_nobody_says_it():
     assert "motor test turns first" in layout.notes[-1]
     levels = [r.level for r in completed(layout, Body("y6", 10.0, 0.4, 0.1)).rotors]
     assert levels == ["lower", "upper", "lower", "lower", "upper", "upper"]
-    said = completed(layout, Body("y6", 10.0, 0.4, 0.1, (1, 2, 4)))
-    assert [r.number for r in said.rotors if r.level == "upper"] == [1, 2, 4]
+    reported = completed(layout, Body("y6", 10.0, 0.4, 0.1, (1, 2, 4)))
+    assert [r.number for r in reported.rotors if r.level == "upper"] == [1, 2, 4]
 
 
 def test_our_own_script_gives_the_layout_back():
@@ -273,8 +273,8 @@ def test_what_a_few_parameters_leave_out_is_said():
 @pytest.mark.parametrize(
     "arm_m, spacing_m, said", [(400.0, 0.1, "0.4 for mill"), (0.5, 140.0, "0.14 for mill")]
 )
-def test_millimetres_are_asked_about(arm_m, spacing_m, said):
-    with pytest.raises(InputError, match=f"metres are expected: {said}"):
+def test_millimetres_are_asked_about(arm_m, spacing_m, reported):
+    with pytest.raises(InputError, match=f"metres are expected: {reported}"):
         completed(template("x8"), Body("x8", 20.0, arm_m, spacing_m))
 
 

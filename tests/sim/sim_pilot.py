@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as m
 
 from firmware_params.px4 import messages
 from sim.in_memory import MemoryPort
+from sim.simulation import Simulation, build
 from sim.standin import Standin
-from sim.world import World, build
 
 for made in (messages.MAVLink_esc_info_message, messages.MAVLink_esc_status_message):
     m.mavlink_map.setdefault(made.id, made)
@@ -28,7 +28,7 @@ class Pilot:
         for port in self.ports:
             port.put(0, b"")
         self.standin: Standin = build(
-            World(frame, firmware=firmware, **world), self.ports, clock=lambda: self.now
+            Simulation(frame, firmware=firmware, **world), self.ports, clock=lambda: self.now
         )
         self.autopilot: Any = self.standin.autopilot
         self.copter = firmware == "ardupilot"

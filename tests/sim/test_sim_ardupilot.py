@@ -33,8 +33,8 @@ class Board:
     def __init__(self) -> None:
         plant = Plant(read_vehicle(EXAMPLES / "x8_demo.toml"), read_pair(EXAMPLES / "rotor_paper.toml"))
         self.copter = Copter(plant, Truth())
-        self.said: list[str] = []
-        self.copter.say = lambda severity, text: self.said.append(text)
+        self.reported: list[str] = []
+        self.copter.say = lambda severity, text: self.reported.append(text)
 
     def boot_with(self, frame: int, **scripts: str) -> None:
         c = self.copter
@@ -81,7 +81,7 @@ def test_a_matrix_script_needs_a_reboot_and_flies_its_ratio(board: Board) -> Non
     board.copter.files.files["scripts/coaxlink.lua"] = script.encode()
     assert board.copter.mixer.mix.factors.shape == (8, 4)
     board.boot_with(15, coaxlink=script)
-    assert any("matrix of 8 motors" in text for text in board.said)
+    assert any("matrix of 8 motors" in text for text in board.reported)
     assert split(board.hover(), board) == pytest.approx(1 / 0.672, rel=0.02)
 
 
@@ -105,7 +105,7 @@ def test_a_script_with_an_error_is_caught(board: Board, script: str, error: str)
     pytest.importorskip("lupa")
     board.boot_with(4, bad=script)
     board.run(0.1)
-    assert any(re.search(f"Lua: .*({error})", text) for text in board.said), board.said
+    assert any(re.search(f"Lua: .*({error})", text) for text in board.reported), board.reported
     with pytest.raises(Refused, match="Scripting"):
         board.copter.arm()
 

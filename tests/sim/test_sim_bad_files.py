@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 from sim.documents import write_atomic
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.line.wire import parse_faults
 from sim.manoeuvres import read_plan
 from sim.physics.rotors import read_pair
+from sim.simulation import Simulation, build
 from sim.stand.effects import read_bench
 from sim.stand.schedule import read_schedule
 from sim.truth import read_truth
 from sim.vehicle import read_vehicle
-from sim.world import World, build
 
 PIECE = "[[pieces]]\nseconds = 5\n"
 STEADY = PIECE + "upper = 0.1\nlower = 0.5\n"
@@ -26,11 +26,11 @@ X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 
 
 def read_memory(path: Path) -> object:
-    return build(World(X8, memory=path), [])
+    return build(Simulation(X8, memory=path), [])
 
 
 def flown(path: Path) -> object:
-    return build(World(X8, truth=path), [])
+    return build(Simulation(X8, truth=path), [])
 
 
 BAD = [  # reader, text, what the error names
@@ -95,7 +95,7 @@ def test_a_bad_file_is_one_clear_line_that_names_what_is_wrong(tmp_path: Path) -
         try:
             reader(path)
             wrong.append((text, "taken"))
-        except WorldError as error:
+        except SimulationError as error:
             if named not in str(error) or "\n" in str(error):
                 wrong.append((text, str(error)))
     assert not wrong
@@ -103,7 +103,7 @@ def test_a_bad_file_is_one_clear_line_that_names_what_is_wrong(tmp_path: Path) -
 
 def test_a_bad_fault_of_the_wire_is_one_clear_line() -> None:
     for text in ("loss", "loss=2", "noise=1", "dead=3", "delay=-1"):
-        with pytest.raises(WorldError, match=r"^[^\n]*expected[^\n]*$"):
+        with pytest.raises(SimulationError, match=r"^[^\n]*expected[^\n]*$"):
             parse_faults(text)
 
 
@@ -113,7 +113,7 @@ def test_only_a_regular_file_is_replaced(tmp_path: Path) -> None:
     file.write_text("before")
     link.symlink_to(file)
     for place in (pipe, Path("/dev/full")):
-        with pytest.raises(WorldError, match="only a file is written"):
+        with pytest.raises(SimulationError, match="only a file is written"):
             write_atomic(place, "now")
     write_atomic(link, "now")
     assert file.read_text() == "now" and link.is_symlink() and pipe.is_fifo()

@@ -13,8 +13,8 @@ from sim.flights import fly
 from sim.physics.bemt import RHO, BemtPair, BladeNumbers, pair_air, pair_loads
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
+from sim.simulation import Simulation, build
 from sim.vehicle import read_vehicle
-from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[3] / "shared" / "data" / "coax"
@@ -189,6 +189,6 @@ def test_inflow_settles_within_milliseconds_and_keeps_the_order_of_the_steps() -
 
 @pytest.mark.slow
 def test_it_flies_and_its_air_is_felt() -> None:
-    autopilot = build(World(EXAMPLES / "x8_demo.toml", rotor=Path("kde5215_bemt")), []).autopilot
+    autopilot = build(Simulation(EXAMPLES / "x8_demo.toml", rotor=Path("kde5215_bemt")), []).autopilot
     log = fly(autopilot, "paper")
     assert log["height_m"].max() == pytest.approx(4.7, abs=0.3) and log["height_m"][-1] < 0.3

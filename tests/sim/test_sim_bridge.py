@@ -18,18 +18,18 @@ from pymavlink.dialects.v20 import common as m
 
 from sim.bridge.ardupilot_json import ArduPilotBridge
 from sim.bridge.px4_hil import Px4Bridge
-from sim.errors import PortError, WorldError
+from sim.errors import PortError, SimulationError
 from sim.physics.sensors import SensorReading
 from sim.px4.cascade import Cascade, Four, Goal, Three
 from sim.px4.mixer import Px4Mixer
 from sim.px4.store import Px4Store
 from sim.px4.tuning import tune
+from sim.simulation import Simulation, build_bridge
 from sim.testing import standin
-from sim.world import World, build_bridge
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SECONDS = int(os.environ.get("BRIDGE_SECONDS", "20"))  # 600 for the ten minutes
-WORLD = World(EXAMPLES / "x8_demo.toml")
+WORLD = Simulation(EXAMPLES / "x8_demo.toml")
 
 
 class Pilot:
@@ -238,9 +238,9 @@ def test_the_verb_opens_bridges_and_says_no_in_one_line() -> None:
         px4 = Px4Counterpart(port)
         assert px4.sensor()[0].fields_updated & 0x3F == 0x3F
         px4.socket.close()
-    with pytest.raises(WorldError, match="px4 or ardupilot"):
+    with pytest.raises(SimulationError, match="px4 or ardupilot"):
         build_bridge(WORLD, "betaflight")
-    with pytest.raises(WorldError, match="tcpin"):
+    with pytest.raises(SimulationError, match="tcpin"):
         build_bridge(WORLD, "px4", "udpin:127.0.0.1:0")
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as taken:
         taken.bind(("127.0.0.1", 0))

@@ -19,18 +19,18 @@ from test_sim_bridge import Px4Counterpart, packet, running
 from sim.bridge import px4_hil
 from sim.bridge.hil_messages import HilMessages
 from sim.bridge.px4_hil import Px4Bridge
-from sim.world import World, build_bridge
+from sim.simulation import Simulation, build_bridge
 
-WORLD = World(Path(__file__).parents[2] / "examples" / "x8_demo.toml")
+WORLD = Simulation(Path(__file__).parents[2] / "examples" / "x8_demo.toml")
 
 
 @contextmanager
 def silent_bridge(patience_s: float = 0.05, speed: float = 0.0) -> Iterator[tuple[Px4Bridge, int, list[str]]]:
-    said: list[str] = []
-    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0", speed, said.append)
+    reported: list[str] = []
+    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0", speed, reported.append)
     bridge.patience_s = patience_s
     with running(bridge) as port:
-        yield bridge, port, said
+        yield bridge, port, reported
 
 
 def in_lockstep(port: int, u: float = 0.0) -> Px4Counterpart:
@@ -42,13 +42,13 @@ def in_lockstep(port: int, u: float = 0.0) -> Px4Counterpart:
     return px4
 
 
-def warnings_(said: list[str]) -> list[str]:
-    return [line for line in said if "HIL_ACTUATOR_CONTROLS" in line]
+def warnings_(reported: list[str]) -> list[str]:
+    return [line for line in reported if "HIL_ACTUATOR_CONTROLS" in line]
 
 
 def test_a_frame_withheld_while_arming_holds_nothing_up_and_is_told_once_a_link() -> None:
     assert px4_hil.PATIENCE_S == 0.2
-    with silent_bridge() as (bridge, port, said):
+    with silent_bridge() as (bridge, port, reported):
         for links in (1, 2):
             px4 = in_lockstep(port)
             for _ in range(3):
@@ -56,9 +56,11 @@ def test_a_frame_withheld_while_arming_holds_nothing_up_and_is_told_once_a_link(
                 px4.sensor()  # not answered
                 assert px4.sensor()[0].time_usec and bridge.timeouts > before
                 px4.controls(px4.last.time_usec, np.zeros(8))
-            assert len(warnings_(said)) == links and "0.05 s" in warnings_(said)[-1]
+            assert len(warnings_(reported)) == links and "0.05 s" in warnings_(reported)[-1]
             px4.socket.close()
-    assert re.search(rf"2 links, {bridge.timeouts} by the lock-step time-out of 0.05 s", said[-1]), said
+    assert re.search(rf"2 links, {bridge.timeouts} by the lock-step time-out of 0.05 s", reported[-1]), (
+        reported
+    )
 
 
 def test_a_silent_export_runs_on_with_the_last_controls_and_leaves_no_lag() -> None:
@@ -111,8 +113,8 @@ def test_one_that_is_stopped_and_reads_nothing_gives_way_to_another(monkeypatch:
 
 
 def test_ardupilot_is_told_once_why_it_gets_no_answer() -> None:
-    said: list[str] = []
-    bridge = build_bridge(WORLD, "ardupilot", "udpin:127.0.0.1:0", say=said.append)
+    reported: list[str] = []
+    bridge = build_bridge(WORLD, "ardupilot", "udpin:127.0.0.1:0", say=reported.append)
     with running(bridge) as port, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ap:
         ap.connect(("127.0.0.1", port))
         ap.settimeout(10.0)
@@ -120,8 +122,8 @@ def test_ardupilot_is_told_once_why_it_gets_no_answer() -> None:
         ap.send(b"hello")
         ap.send(packet(2, np.zeros(8)))
         assert ap.recv(4096).startswith(b"\n{")
-        assert len(said) == 1 and "5 Hz" in said[0]
-    assert said[1] == "1 frames, 0 asked for again, 0 lost, 2 packets not answered"
+        assert len(reported) == 1 and "5 Hz" in reported[0]
+    assert reported[1] == "1 frames, 0 asked for again, 0 lost, 2 packets not answered"
 
 
 @pytest.mark.slow

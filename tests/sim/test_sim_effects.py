@@ -15,9 +15,9 @@ from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.physics.sensors import READ_S, Noise, Sensors
 from sim.px4.autopilot import Mode
+from sim.simulation import Simulation, build
 from sim.truth import Truth
 from sim.vehicle import read_vehicle
-from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HOVER = np.array([0.441] * 4 + [0.648] * 4)
@@ -159,7 +159,7 @@ def test_strange_pushes_come_and_go() -> None:
 @pytest.mark.slow
 def test_the_plants_own_log_has_currents_and_heat(tmp_path: Path) -> None:
     true = TruthLog()
-    log = fly(build(World(EXAMPLES / "x8_demo.toml"), []).autopilot, "paper", true.watch)
+    log = fly(build(Simulation(EXAMPLES / "x8_demo.toml"), []).autopilot, "paper", true.watch)
     columns = true.columns()
     assert len(columns["time_s"]) == len(log["time_s"])
     assert {"winding8_K", "motor_current1_A", "thrust5_N", "wind_n_m_s", "speed3"} <= set(columns)
@@ -174,7 +174,7 @@ def test_the_plants_own_log_has_currents_and_heat(tmp_path: Path) -> None:
 def test_with_a_failed_rotor_it_lands_and_disarms_in_time(
     firmware: str, within_s: float, lost: float
 ) -> None:
-    pilot = build(World(EXAMPLES / "x8_demo.toml", firmware=firmware), []).autopilot
+    pilot = build(Simulation(EXAMPLES / "x8_demo.toml", firmware=firmware), []).autopilot
     pilot.truth = Truth((HiddenEffect("degraded_rotor", lost, 8.0, {"rotor": 5.0}),))
     if firmware == "ardupilot":
         pilot.set_ap_mode(4)  # type: ignore[attr-defined]

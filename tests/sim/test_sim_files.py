@@ -10,7 +10,7 @@ import pytest
 
 from sim.line.ftp import CardFiles, Manners, Server
 from sim.px4.autopilot import Autopilot, Mode
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 PX4 = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
 ACK, NAK = 128, 129
@@ -79,7 +79,7 @@ def test_what_is_not_the_cards_cannot_be_written(card: Card) -> None:
 
 def flown(firmware: str) -> Autopilot:
     """Up to 2 m, a while there, and down: twice, in one boot."""
-    standin_ = build(World(EXAMPLES / "x8_demo.toml", firmware=firmware), [])
+    standin_ = build(Simulation(EXAMPLES / "x8_demo.toml", firmware=firmware), [])
     a: Any = standin_.autopilot
     for _ in range(2):
         if firmware == "ardupilot":
@@ -142,7 +142,7 @@ RATES = {
 def test_px4_logs_what_its_profile_says_from_the_next_boot_on(tmp_path: Path, profile: int) -> None:
     from pyulog import ULog
 
-    a: Any = build(World(EXAMPLES / "x8_demo.toml"), []).autopilot
+    a: Any = build(Simulation(EXAMPLES / "x8_demo.toml"), []).autopilot
     a.store.preset("COM_DISARM_PRFLT", -1.0)
 
     def log(seconds: float) -> dict[str, Any]:
@@ -170,7 +170,7 @@ def test_px4_logs_what_its_profile_says_from_the_next_boot_on(tmp_path: Path, pr
 def test_px4_logs_when_its_mode_says_from_the_next_boot_on() -> None:
     # whether a log runs by SDLOG_MODE: after boot, armed, disarmed again, armed again
     for mode, runs in ((-1, "0000"), (0, "0101"), (1, "1101"), (2, "1111"), (3, "0000"), (4, "0111")):
-        a: Any = build(World(EXAMPLES / "x8_demo.toml"), []).autopilot
+        a: Any = build(Simulation(EXAMPLES / "x8_demo.toml"), []).autopilot
         a.store.preset("SDLOG_MODE", mode)
         a.boot()
         logging = ""

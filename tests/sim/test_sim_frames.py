@@ -11,9 +11,9 @@ import pytest
 from sim_pilot import Pilot
 
 from sim.ardupilot.store import ArduPilotStore
-from sim.errors import WorldError
+from sim.errors import SimulationError
+from sim.simulation import Simulation, build
 from sim.vehicle import read_vehicle
-from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # from ArduPilot's motor order diagrams: the arm of motor 1, 2, ... (degrees from the nose, clockwise), those
@@ -74,27 +74,29 @@ def test_a_vehicle_that_is_no_frame_is_refused_in_one_line(tmp_path):
         (EXAMPLES / "mixed_hexa.toml", "ardupilot", "no frame of ArduCopter's own"),
         (airframe(tmp_path / "many.toml", TWELVE), "px4:1.13", "PX4 1.13.3 holds 8, found 12"),
     ):
-        with pytest.raises(WorldError) as caught:
-            build(World(frame, firmware=firmware), [])
+        with pytest.raises(SimulationError) as caught:
+            build(Simulation(frame, firmware=firmware), [])
         assert (
             named in str(caught.value) and str(frame) in str(caught.value) and "\n" not in str(caught.value)
         )
-    build(World(airframe(tmp_path / "twelve.toml", TWELVE)), [])
-    build(World(turned), [])
+    build(Simulation(airframe(tmp_path / "twelve.toml", TWELVE)), [])
+    build(Simulation(turned), [])
 
 
 @pytest.mark.parametrize("frame", [X8_CW, Y6A, Y6B])
 def test_the_numbers_that_it_advises_are_taken(frame, tmp_path):
     path = tmp_path / "a.toml"
-    with pytest.raises(WorldError) as caught:
+    with pytest.raises(SimulationError) as caught:
         build(
-            World(airframe(path, frame, renumbered=lambda n: (n % len(frame[0])) + 1), firmware="ardupilot"),
+            Simulation(
+                airframe(path, frame, renumbered=lambda n: (n % len(frame[0])) + 1), firmware="ardupilot"
+            ),
             [],
         )
     listed = re.search(r"rotors ([\d, ]+) are", str(caught.value))
     advised = {int(n): motor for motor, n in enumerate(listed[1].split(", "), 1)}
     build(
-        World(
+        Simulation(
             airframe(path, frame, renumbered=lambda n: advised[n % len(frame[0]) + 1]), firmware="ardupilot"
         ),
         [],

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from sim.in_memory import InMemory
-from sim.world import World
+from sim.simulation import Simulation
 
 FRAME = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 
@@ -40,7 +40,7 @@ def command(number: int, *params: float) -> m.MAVLink_message:
 
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 def test_parameters_come_and_go(firmware: str) -> None:
-    client = Client(InMemory(World(FRAME, firmware=firmware)))
+    client = Client(InMemory(Simulation(FRAME, firmware=firmware)))
     client.say(seconds=3.0)
     values = named(client.say(m.MAVLink_param_request_list_message(1, 1), seconds=2.0), "PARAM_VALUE")
     names = {v.param_id for v in values} - {"_HASH_CHECK"}
@@ -53,14 +53,14 @@ def test_parameters_come_and_go(firmware: str) -> None:
 
 @pytest.mark.slow
 def test_time_passes_as_told_and_never_back() -> None:
-    client = Client(InMemory(World(FRAME)))
+    client = Client(InMemory(Simulation(FRAME)))
     assert len(named(client.say(seconds=9.5), "HEARTBEAT")) == 10
     assert client.say(seconds=-5.0) == []
     assert named(client.say(seconds=5.0 + 1.0), "HEARTBEAT")
 
 
 def test_a_reboot_is_silence() -> None:
-    client = Client(InMemory(World(FRAME)))
+    client = Client(InMemory(Simulation(FRAME)))
     answers = client.say(command(246, 1))
     assert named(answers, "COMMAND_ACK")
     assert not client.say(seconds=1.4)
@@ -68,14 +68,14 @@ def test_a_reboot_is_silence() -> None:
 
 
 def test_clients_hear_their_own_answers() -> None:
-    board = InMemory(World(FRAME))
+    board = InMemory(Simulation(FRAME))
     one, two = Client(board), Client(board, 1)
     assert named(one.say(command(520)), "AUTOPILOT_VERSION")
     assert not named(two.say(), "AUTOPILOT_VERSION")
 
 
 def test_faults_are_on_the_callers_clock() -> None:
-    client = Client(InMemory(World(FRAME, wire="dead=1:3")))
+    client = Client(InMemory(Simulation(FRAME, wire="dead=1:3")))
     assert client.say(seconds=0.9)
     client.say(seconds=0.2)
     assert not client.say(seconds=1.8)

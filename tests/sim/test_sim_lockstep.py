@@ -11,7 +11,7 @@ from sim_pilot import X8
 
 from sim.in_memory import MemoryPort
 from sim.px4.autopilot import Goal, Mode
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 
 class Answering(MemoryPort):
@@ -35,7 +35,7 @@ class Answering(MemoryPort):
 @pytest.fixture
 def flight() -> tuple[Any, Answering]:
     port = Answering()
-    standin = build(World(X8, lockstep=True), [port], 0.0)
+    standin = build(Simulation(X8, lockstep=True), [port], 0.0)
     a = standin.autopilot
     a.arm()
     a.take_off(3.0)
@@ -66,9 +66,9 @@ def test_a_command_ends_the_wait_and_so_does_the_end_of_the_world(flight: tuple[
     for _ in range(25):
         standin.tick()
     assert pilot.heard
-    told = len(pilot.heard)
+    determined = len(pilot.heard)
     pilot.answer = lambda ms: None
     standin.stop = lambda: True
     for _ in range(25):
         standin.tick()
-    assert len(pilot.heard) > told
+    assert len(pilot.heard) > determined

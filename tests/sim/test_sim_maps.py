@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sim_pilot import Pilot
 
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.drive import open_circuit
 from sim.physics.escs import reported_escs
 from sim.physics.plant import Plant
@@ -256,7 +256,7 @@ def test_a_map_that_is_none_is_one_line(rows, tmp_path):
     }
     for named, text in bad.items():
         path.write_text(text)
-        with pytest.raises(WorldError) as caught:
+        with pytest.raises(SimulationError) as caught:
             read_pair(path)
         assert named in str(caught.value) and "\n" not in str(caught.value)
 
@@ -292,8 +292,8 @@ def test_a_rotor_file_flies_with_its_drive_and_its_watts(tmp_path):
         for command, u, torque, watts in zip(
             (c, d), speeds, torques, sides(plant.rotor_watts(), plant), strict=True
         ):
-            told = 0.02 + 0.55 * u + 0.25 * u * u + 0.05 * torque
-            assert told == pytest.approx(command * volts / 22.0, abs=4e-3)
+            determined = 0.02 + 0.55 * u + 0.25 * u * u + 0.05 * torque
+            assert determined == pytest.approx(command * volts / 22.0, abs=4e-3)
             rate = u * pair.speed_max_rpm * RAD
             assert watts == pytest.approx(3.0 + 20.0 * torque**2 + 1.05 * torque * rate, rel=5e-3)
     first = pair.turned(0.1, 0.5)[0]
@@ -322,7 +322,7 @@ def test_a_drive_that_is_none_is_one_line(tmp_path):
         ("[identified]\nrpm_over_throttle = 4\n", "identified.rpm_over_throttle"),
         ("[identified.rpm_over_throttle]\nupper = 4\n", "identified.rpm_over_throttle.upper"),
     ):
-        with pytest.raises(WorldError) as caught:
+        with pytest.raises(SimulationError) as caught:
             driven(tmp_path, text)
         assert named in str(caught.value) and "\n" not in str(caught.value), text
 
@@ -346,10 +346,10 @@ def hovering(frame, rotor, firmware):
     plant = pilot.autopilot.plant
     assert plant.height == pytest.approx(3.2, abs=0.4) and np.abs(plant.rates).max() < 0.1
     assert plant.thrust.sum() == pytest.approx(9.80665 * plant.vehicle.mass_kg, rel=0.02)
-    told = reported_escs(pilot.autopilot)
-    assert told is not None and sum(told.amps) == pytest.approx(plant.current - 1.0, rel=0.05)
-    assert told.rpm == pytest.approx(list(plant.speeds * plant.pair.speed_max_rpm), rel=0.02)
-    upper, lower = sides(np.array(told.amps), plant)
+    determined = reported_escs(pilot.autopilot)
+    assert determined is not None and sum(determined.amps) == pytest.approx(plant.current - 1.0, rel=0.05)
+    assert determined.rpm == pytest.approx(list(plant.speeds * plant.pair.speed_max_rpm), rel=0.02)
+    upper, lower = sides(np.array(determined.amps), plant)
     assert abs(upper - lower) > 0.02 * (upper + lower)
 
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 FLOAT = 9
 
 
 def _boot(memory, firmware="px4", clock=time.monotonic):
-    return build(World(X8, firmware=firmware, memory=memory), [], clock=clock)
+    return build(Simulation(X8, firmware=firmware, memory=memory), [], clock=clock)
 
 
 @pytest.mark.slow

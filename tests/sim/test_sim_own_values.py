@@ -7,13 +7,13 @@ import pytest
 from case_table import case_table
 from sim_pilot import Pilot
 
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 
 
 def _standin(firmware):
-    return build(World(X8, firmware=firmware), []).autopilot
+    return build(Simulation(X8, firmware=firmware), []).autopilot
 
 
 def _fly(vehicle, seconds, ardupilot):
@@ -132,8 +132,8 @@ def test_a_px4_counts_its_flights_and_keeps_its_hover_thrust():
 
 def test_a_px4_s_hover_thrust_is_held_within_its_bounds():
     px4 = _standin("px4")
-    said = []
-    px4.say = lambda severity, text: said.append(text)
+    reported = []
+    px4.say = lambda severity, text: reported.append(text)
     px4.store.write("MPC_THR_HOVER", 9, 0.05)
     assert px4.store["MPC_THR_HOVER"] == px4.store["MPC_THR_MIN"]
-    assert said == ["Hover thrust has been constrained by min/max"]
+    assert reported == ["Hover thrust has been constrained by min/max"]

@@ -11,7 +11,7 @@ from case_table import case_table
 
 from firmware_params import px4
 from sim.effects import HiddenEffect
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.flights import row
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
@@ -136,9 +136,9 @@ def test_a_vehicle_that_falls_says_so_and_ends(design) -> None:
 
 
 def test_what_these_flights_cannot_hold_is_refused(design) -> None:
-    with pytest.raises(WorldError, match="battery_swap"):
+    with pytest.raises(SimulationError, match="battery_swap"):
         fly_quick(design, FlightWorld((HiddenEffect("battery_swap", 0.9),)))
-    with pytest.raises(WorldError, match="hover, circle, wander, steps"):
+    with pytest.raises(SimulationError, match="hover, circle, wander, steps"):
         fly_quick(design, FlightWorld(plan="loop"))
 
 

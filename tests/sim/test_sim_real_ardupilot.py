@@ -19,7 +19,7 @@ from sim.ardupilot.mixer import ArduPilotMixer
 from sim.ardupilot.store import ArduPilotStore
 from sim.bridge.ardupilot_json import ArduPilotBridge
 from sim.px4.tuning import tune
-from sim.world import World, build_bridge
+from sim.simulation import Simulation, build_bridge
 
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [
@@ -45,7 +45,7 @@ def defaults(bridge: ArduPilotBridge) -> str:
 
 @pytest.fixture
 def flown(tmp_path: Path) -> Iterator[tuple[ArduPilotBridge, Any]]:
-    bridge = build_bridge(World(AIRFRAME), "ardupilot", "udpin:127.0.0.1:0")
+    bridge = build_bridge(Simulation(AIRFRAME), "ardupilot", "udpin:127.0.0.1:0")
     stop = threading.Event()
     thread = threading.Thread(target=bridge.run, args=(stop.is_set,))
     thread.start()

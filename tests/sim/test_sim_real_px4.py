@@ -19,7 +19,7 @@ from sim.bridge.px4_hil import Px4Bridge
 from sim.px4.mixer import Px4Mixer
 from sim.px4.store import Px4Store
 from sim.px4.tuning import tune
-from sim.world import World, build_bridge
+from sim.simulation import Simulation, build_bridge
 
 BINARY = os.environ.get("PX4_SITL", "")
 pytestmark = [
@@ -60,7 +60,7 @@ def presets(bridge: Px4Bridge) -> dict[str, str]:
 @pytest.fixture
 def flown(tmp_path: Path) -> Iterator[tuple[Px4Bridge, Any, int]]:
     number = instance()
-    bridge = build_bridge(World(AIRFRAME), "px4", f"tcpin:127.0.0.1:{4560 + number}")
+    bridge = build_bridge(Simulation(AIRFRAME), "px4", f"tcpin:127.0.0.1:{4560 + number}")
     stop = threading.Event()
     thread = threading.Thread(target=bridge.run, args=(stop.is_set,))
     thread.start()

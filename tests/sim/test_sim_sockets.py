@@ -13,7 +13,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as m
 from sim_pilot import Pilot
 
-from sim.errors import SimError, WorldError
+from sim.errors import SimError, SimulationError
 from sim.line.links import open_port, wait
 from sim.recorder import CsvRecorder, TlogPort
 from sim.testing import standin
@@ -103,5 +103,5 @@ def test_each_kind_of_port_brings_what_comes_and_lets_go_of_who_went() -> None:
     for port in (udp, tcp):
         port.close()
     for wrong in ("udpin", "radio:1:2", "udpin:127.0.0.1:99999"):
-        with pytest.raises(WorldError, match="expected"):
+        with pytest.raises(SimulationError, match="expected"):
             open_port(wrong)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.physics.rotors import read_pair
 from sim.stand.grid import COLUMNS, stand_rows, write_stand
 
@@ -40,5 +40,5 @@ def test_the_log_is_whole_or_not_there(tmp_path: Path) -> None:
     write_stand(tmp_path / "log.csv", rows)
     assert np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1) == pytest.approx(rows, abs=0.06)
     assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
-    with pytest.raises(WorldError, match="cannot be written"):
+    with pytest.raises(SimulationError, match="cannot be written"):
         write_stand(tmp_path / "absent" / "log.csv", rows)

@@ -14,9 +14,9 @@ from case_table import case_table
 from pymavlink.dialects.v20 import ardupilotmega as m
 from sim_pilot import Pilot
 
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.px4.autopilot import Mode
-from sim.world import read_key, read_uid
+from sim.simulation import read_key, read_uid
 
 NAN = math.nan
 LAT, LON, METRE = 47.397742, 8.545594, 1 / 111319.49
@@ -145,12 +145,12 @@ def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up() -> N
                     names = (
                         ["ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8"] if pilot.copter else ["ESC_STATUS"]
                     )
-                    told = [message.rpm for name in names for message in pilot.heard(name)[-20:]]
+                    determined = [message.rpm for name in names for message in pilot.heard(name)[-20:]]
                     if kind == "none":
-                        assert not told
+                        assert not determined
                         continue
                     outputs = (np.array(pilot.autopilot.outputs_us) - 1000) / 1000
-                    full = np.mean(told) / np.mean(outputs)
+                    full = np.mean(determined) / np.mean(outputs)
                     made_up = 0.0 if pilot.copter else 6000.0
                     assert full == pytest.approx(made_up if kind == "sitl" else 5400.0, rel=0.05)
 
@@ -163,7 +163,7 @@ def test_a_board_says_the_uid_it_was_given_as_real_ones_do(firmware: str) -> Non
     at = 0 if pilot.copter else 6  # PX4 puts its kind of processor first
     assert bytes(version.uid2)[at : at + 12] == bytes.fromhex("0123456789abcdef01234567")
     for text in ("", "xyz", "0" * 25):
-        with pytest.raises(WorldError, match="hex digits"):
+        with pytest.raises(SimulationError, match="hex digits"):
             read_uid(text)
 
 
@@ -223,7 +223,7 @@ def test_keys_are_read_as_ground_stations_write_them(tmp_path: Path) -> None:
         path.write_bytes(data)
         assert read_key(path) == read or (read is None and len(read_key(path)) == 32)
     path.write_text("")
-    with pytest.raises(WorldError, match="found nothing"):
+    with pytest.raises(SimulationError, match="found nothing"):
         read_key(path)
-    with pytest.raises(WorldError, match="cannot be read"):
+    with pytest.raises(SimulationError, match="cannot be read"):
         read_key(tmp_path / "none")

@@ -8,7 +8,7 @@ import pytest
 
 from sim.flights import fly, write_flight
 from sim.line.wire import Wire, WireFaults, parse_faults
-from sim.world import World, build
+from sim.simulation import Simulation, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = [bytes([k % 256, k // 256, 7, 9]) for k in range(20000)]
@@ -78,12 +78,12 @@ def test_the_seed_decides() -> None:
 def test_the_same_seed_flies_the_same_bytes(tmp_path: Path) -> None:
     logs = []
     for name in ("a", "b"):
-        standin_ = build(World(EXAMPLES / "x8_demo.toml", hidden_seed=2, seed=3), [])
+        standin_ = build(Simulation(EXAMPLES / "x8_demo.toml", hidden_seed=2, seed=3), [])
         log = fly(standin_.autopilot, "paper")
         write_flight(tmp_path / name, log)
         logs.append((tmp_path / name).read_bytes())
     assert logs[0] == logs[1]
-    other = build(World(EXAMPLES / "x8_demo.toml", hidden_seed=2, seed=4), []).autopilot
+    other = build(Simulation(EXAMPLES / "x8_demo.toml", hidden_seed=2, seed=4), []).autopilot
     assert other.step().accel[0] != log["accel_x_m_s2"][0]
     assert log["height_m"].max() == pytest.approx(4.7, abs=0.3) and log["height_m"][-1] < 0.3
     assert np.diff(log["time_s"]) == pytest.approx(0.008)

@@ -62,11 +62,11 @@ def spec_of(tmp_path, text=GOOD):
 
 def test_bad_files_get_one_line_with_the_key(tmp_path):
     wrong = []
-    for text, said in BAD:
+    for text, reported in BAD:
         with pytest.raises(InputError) as error:
             spec_of(tmp_path, text)
-        if said not in str(error.value) or "\n" in str(error.value):
-            wrong.append((said, str(error.value)))
+        if reported not in str(error.value) or "\n" in str(error.value):
+            wrong.append((reported, str(error.value)))
     assert not wrong
 
 

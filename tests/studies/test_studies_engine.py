@@ -163,8 +163,8 @@ def test_no_scheduler_is_one_line(monkeypatch):
         "try:\n    list(engine.run(print, {}, range(3), engine.Machine(scheduler='tcp://127.0.0.1:9')))\n"
         "except engine.LinkError as error:\n    print(error)\n"
     )
-    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert said.stdout == "tcp://127.0.0.1:9: no Dask scheduler answers there\n", said.stderr
+    reported = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert reported.stdout == "tcp://127.0.0.1:9: no Dask scheduler answers there\n", reported.stderr
 
 
 def in_threads(monkeypatch, submit):

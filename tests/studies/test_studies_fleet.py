@@ -90,14 +90,14 @@ def test_whose_log_and_of_when(tmp_path):
     ]
     (tmp_path / "flight.ulg").write_text("")
     index = tmp_path / "fleet.csv"
-    for text, said in (
+    for text, reported in (
         (None, r"flight.ulg: no date"),
         ("log,vehicle,date\nflight.ulg,c,soon\n", r"line 2: a date is expected, found 'soon'"),
         ("log,date\n", "line 1: the columns log, vehicle, date are expected"),
     ):
         if text is not None:
             index.write_text(text)
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=reported):
             find_logs(str(tmp_path))
     index.write_text("log,vehicle,date\nflight.ulg,c,2026-07-08\n")
     assert [log.vehicle for log in find_logs(str(tmp_path))] == ["a", "a", "b-1", "c"]

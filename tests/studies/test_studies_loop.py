@@ -93,7 +93,7 @@ NOTHING_DONE = {
 @pytest.mark.slow
 @pytest.mark.parametrize("outcome", NOTHING_DONE)
 def test_nothing_is_put_into_the_mixer_and_that_is_said(loop, tmp_path, capsys, outcome):
-    given, said = NOTHING_DONE[outcome]
+    given, reported = NOTHING_DONE[outcome]
     result, (before, after), _ = loop([given])
     assert result["outcome"] == outcome and result["compensated"] == {} and result["way"] == "table"
     assert result["before"].keys() == result["after"].keys()
@@ -101,8 +101,8 @@ def test_nothing_is_put_into_the_mixer_and_that_is_said(loop, tmp_path, capsys, 
     assert before[1] != after[1]  # with other noise
     assert not (tmp_path / "out" / "rotor_refined.toml").exists()
     screen = capsys.readouterr().out.replace("\n", " ")
-    assert said in screen and "what differs between them is chance" in screen
-    assert said in (tmp_path / "out" / "report.html").read_text().replace("\n", " ")
+    assert reported in screen and "what differs between them is chance" in screen
+    assert reported in (tmp_path / "out" / "report.html").read_text().replace("\n", " ")
 
 
 @pytest.mark.slow

@@ -199,19 +199,19 @@ def test_a_backup_without_the_loader_brings_none_of_its_numbers_back(tables, tmp
 def test_an_ardupilot_is_asked_for_nothing_that_it_does_not_know():
     """Each such request would be a text to every ground station."""
     with standin("ardupilot") as board, meet(board) as session:
-        said = []
-        session.subscribe(lambda m: said.append(m.text) if m.get_type() == "STATUSTEXT" else None)
+        reported = []
+        session.subscribe(lambda m: reported.append(m.text) if m.get_type() == "STATUSTEXT" else None)
         assert not session.request_stream(291, 10.0) and session.request_stream(11030, 10.0)
         session.clock.sleep(0.2)
-        assert said == []
+        assert reported == []
 
 
 @pytest.mark.parametrize("station", [False, True])
 def test_px4_says_its_words_to_ground_stations(station):
     with standin("px4") as board, meet(board, station=station) as session:
-        said = []
-        session.subscribe(lambda m: said.append(m.text) if m.get_type() == "STATUSTEXT" else None)
+        reported = []
+        session.subscribe(lambda m: reported.append(m.text) if m.get_type() == "STATUSTEXT" else None)
         session.clock.sleep(1.5)
         assert session.command(400, 1.0) == 0
         session.clock.sleep(0.2)
-        assert bool(said) == station
+        assert bool(reported) == station

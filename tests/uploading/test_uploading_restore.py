@@ -48,9 +48,11 @@ def _upload(board, tmp_path, **options):
 
 
 def _restore(board, path, tmp_path, **options):
-    said = []
+    reported = []
     with meet(board) as session:
-        return _worker(session, tmp_path, Talk(say=said.append)).restore(read_backup(path), **options), said
+        return _worker(session, tmp_path, Talk(say=reported.append)).restore(
+            read_backup(path), **options
+        ), reported
 
 
 def _held(board, *names):
@@ -68,13 +70,13 @@ def test_an_undo_is_of_the_upload_and_leaves_what_came_since(board, tmp_path):
     for name, value in (("MPC_XY_CRUISE", 7.0), ("COM_FLIGHT_UUID", 42), ("CAL_GYRO0_XOFF", 0.002)):
         _set(board, name, value)
     board.sets = []
-    outcome, said = _restore(board, path, tmp_path)
+    outcome, reported = _restore(board, path, tmp_path)
     assert outcome.result == "verified" and outcome.error is None
     table = set(before) - set(OTHERS) - {"SYS_AUTOSTART", "MC_AIRMODE"}
     assert set(board.sets) == {c.name for c in outcome.changed} <= table
     assert _held(board, *table) == {n: before[n] for n in table}
     assert board.params["MPC_XY_CRUISE"][0] == 7.0 and board.params["COM_FLIGHT_UUID"][0] == 42
-    assert any("3 other parameters differ" in text for text in said)
+    assert any("3 other parameters differ" in text for text in reported)
 
 
 def test_what_a_later_upload_wrote_besides_goes_back_with_it(board, tmp_path):
@@ -93,10 +95,10 @@ def test_a_backup_that_notes_nothing_puts_back_what_a_table_can_hold(board, tmp_
     assert "Table:" not in path.read_text()
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "another computer"))
     _set(board, "MPC_XY_CRUISE", 7.0)
-    outcome, said = _restore(board, path, tmp_path)
+    outcome, reported = _restore(board, path, tmp_path)
     assert outcome.result == "verified" and board.params["MPC_XY_CRUISE"][0] == 7.0
     assert board.params["CA_ROTOR7_CT"][0] == 6.5
-    assert any("does not say what was uploaded" in text for text in said)
+    assert any("does not say what was uploaded" in text for text in reported)
 
 
 def test_the_note_cannot_be_changed_in_silence(board, tmp_path):
@@ -119,7 +121,7 @@ def test_all_puts_the_rest_back_but_what_the_board_owns(board, tmp_path):
         ("CAL_GYRO0_XOFF", 0.002),
     ):
         _set(board, name, value)
-    outcome, said = _restore(board, path, tmp_path, everything=True)
+    outcome, reported = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "verified" and board.params["MPC_XY_CRUISE"][0] == 5.0
     assert dict(outcome.left_out) == {
         "CAL_GYRO0_XOFF": "learned",
@@ -128,7 +130,7 @@ def test_all_puts_the_rest_back_but_what_the_board_owns(board, tmp_path):
     }
     assert board.params["COM_FLIGHT_UUID"][0] == 42 and "COM_FLIGHT_UUID" not in board.sets
     assert {row["name"] for row in outcome.to_json()["left_out"]} == set(outcome.left_out)
-    assert any("COM_FLIGHT_UUID (counter)" in text for text in said)
+    assert any("COM_FLIGHT_UUID (counter)" in text for text in reported)
     with meet(board) as session:
         assert set(Journal(session.identity, address=session.address).last().values) < set(
             x8()
@@ -142,12 +144,12 @@ def test_all_goes_on_past_what_the_board_refuses_of_the_rest(board, tmp_path, ho
     _set(board, "MPC_XY_CRUISE", 7.0)
     _set(board, "SDLOG_PROFILE", 5)
     setattr(board, how, {"MPC_XY_CRUISE"} if how == "refuses" else {"MPC_XY_CRUISE": 7.0})
-    outcome, said = _restore(board, path, tmp_path, everything=True)
+    outcome, reported = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "incomplete" and outcome.error.exit_code == 1
     assert "MPC_XY_CRUISE" in str(outcome.error) and list(outcome.passed_over) == ["MPC_XY_CRUISE"]
     assert outcome.to_json()["passed_over"][0]["why"] == ("read only" if how == "refuses" else "keeps 7")
     assert board.params["SDLOG_PROFILE"][0] == 1 and board.params["CA_ROTOR3_CT"][0] == 6.5
-    assert any("passed over" in text for text in said)
+    assert any("passed over" in text for text in reported)
     with meet(board) as session:
         assert Journal(session.identity, address=session.address).open_entry() is None
 

@@ -23,13 +23,13 @@ pytestmark = pytest.mark.slow
 
 def test_what_is_verified_survives_a_power_cut_and_a_reboot(tables, tmp_path):
     """PX4 saves its parameters up to two seconds late: the word "verified" must not come before."""
-    plan, memory, said = load_plan(tables["px4"]), tmp_path / "flash", []
+    plan, memory, reported = load_plan(tables["px4"]), tmp_path / "flash", []
     with standin("px4", memory=memory) as board, meet(board) as session:
         assert Uploader(session, backup_folder=tmp_path).upload(plan).result == "verified"
     with standin("px4", memory=memory) as board, meet(board) as session:
         assert verify(session, plan).holds
-        worker = Uploader(session, backup_folder=tmp_path, talk=Talk(say=said.append), reboot_s=0.4)
-        assert worker.upload(plan, reboot=True).result == "verified" and "rebooting" in said
+        worker = Uploader(session, backup_folder=tmp_path, talk=Talk(say=reported.append), reboot_s=0.4)
+        assert worker.upload(plan, reboot=True).result == "verified" and "rebooting" in reported
 
 
 def _ap(session, folder, **options):
@@ -45,22 +45,22 @@ def _of_the_user(session):
     return {n: v.value for n, v in values.items() if n not in OWN and not n.startswith("STAT_")}
 
 
-def _comes(session, said, text, wait_s=10.0):
+def _comes(session, reported, text, wait_s=10.0):
     end = session.clock.monotonic() + wait_s
-    while not any(text in line for line in said):
-        assert session.clock.monotonic() < end, said
+    while not any(text in line for line in reported):
+        assert session.clock.monotonic() < end, reported
         session.clock.sleep(0.05)
 
 
 def _ardupilot_said(session):
-    said = []
-    session.subscribe(lambda m: said.append(m.text) if m.get_type() == "STATUSTEXT" else None)
-    return said
+    reported = []
+    session.subscribe(lambda m: reported.append(m.text) if m.get_type() == "STATUSTEXT" else None)
+    return reported
 
 
 def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables, tmp_path):
     with standin("ardupilot") as board, meet(board) as session:
-        said = _ardupilot_said(session)
+        reported = _ardupilot_said(session)
         before = _of_the_user(session)
 
         def upload(name):
@@ -72,15 +72,15 @@ def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables
 
         first, talk = upload("matrix")
         assert "rebooting" in talk and first.scripts == (f"/APM/scripts/{scripts.MATRIX_NAME}",)
-        _comes(session, said, "matrix of 8 motors")
+        _comes(session, reported, "matrix of 8 motors")
         assert Parameters(session).read("FRAME_CLASS").value == 15
 
         _, talk = upload("loader")
         assert "rebooting" in talk and Files(session).crc(f"/APM/scripts/{scripts.MATRIX_NAME}") is None
-        said.clear()
+        reported.clear()
         third, talk = upload("loader-standard")
         assert "rebooting" not in talk
-        _comes(session, said, "table of 8 motors live")  # no reboot, no second init
+        _comes(session, reported, "table of 8 motors live")  # no reboot, no second init
         assert verify(session, None).holds and verify(session, load_plan(tables["loader-standard"])).holds
         other = verify(session, load_plan(tables["loader"]))
         assert {w["name"] for w in other.mismatches} >= {"CXL_SUM", "CXL_T1"}

@@ -72,5 +72,5 @@ def test_heartbeats_of_another_kind_are_said(board):
         assert session.bound.news() == []
         _every(board, 0.004, lambda: _as(board, 1, 1, quad))
         session.clock.sleep(3.0)
-        (said,) = session.bound.news()
-        assert "two kinds" in said and "quadrotor and octorotor" in said and "a second" in said
+        (reported,) = session.bound.news()
+        assert "two kinds" in reported and "quadrotor and octorotor" in reported and "a second" in reported

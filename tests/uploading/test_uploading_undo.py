@@ -27,8 +27,8 @@ def _firmware(table):
     return "px4" if table == "px4" else "ardupilot"
 
 
-def _worker(session, tmp_path, said=None):
-    talk = Talk(say=said.append if said is not None else lambda text: None)
+def _worker(session, tmp_path, reported=None):
+    talk = Talk(say=reported.append if reported is not None else lambda text: None)
     return Uploader(session, backup_folder=tmp_path / "b", talk=talk, reboot_s=0.4)
 
 
@@ -72,11 +72,11 @@ def test_up_flown_verified_undone(tables, tmp_path, table):
         assert result.holds, result.mismatches
         assert [row["name"] for row in result.learned] == (["MOT_THST_HOVER"] if ardupilot else [])
         assert result.to_json()["result"] == "verified"
-        said = []
-        again = _worker(session, tmp_path, said).upload(plan)
+        reported = []
+        again = _worker(session, tmp_path, reported).upload(plan)
         assert (again.result, again.reason) == ("verified", "the board holds it already")
         assert not again.changed and [c.name for c in again.learned] == [r["name"] for r in result.learned]
-        assert any("learned in flight" in text for text in said) == ardupilot
+        assert any("learned in flight" in text for text in reported) == ardupilot
 
         touched = {n for n in before if before[n] != parameters.read(n).value} - set(plan.params)
         assert touched  # counters and the like: a flight happened
@@ -177,8 +177,8 @@ def test_nothing_is_written_once_the_vehicle_is_seen_armed(tables, tmp_path, tab
     ):
         before = Parameters(session).read_many(plan.params, missing_ok=True)
         Parameters(session).write("DISARM_DELAY" if table != "px4" else "COM_DISARM_PRFLT", 0, *_kind(table))
-        line, said = _Line(session, after=after, kind=kind), []
-        outcome = _worker(session, tmp_path, said).upload(plan)
+        line, reported = _Line(session, after=after, kind=kind), []
+        outcome = _worker(session, tmp_path, reported).upload(plan)
         assert session.armed and line.left == 0 and line.writes_armed == 0
         assert outcome.result == "failed" and outcome.error.exit_code == 4
         assert "nothing more was written" in outcome.reason and "disarm" in outcome.reason
@@ -190,7 +190,7 @@ def test_nothing_is_written_once_the_vehicle_is_seen_armed(tables, tmp_path, tab
             *(c.name for c in outcome.changed),
             *outcome.scripts,
         }
-        assert not stands["unknown"] and any(text.startswith("old: ") for text in said)
+        assert not stands["unknown"] and any(text.startswith("old: ") for text in reported)
         assert (
             line.writes_armed == 0
             and Journal(session.identity, address=session.address).open_entry() is not None
@@ -250,9 +250,9 @@ def test_a_loader_s_table_goes_back_live(tables, tmp_path):
         assert _worker(session, tmp_path).upload(load_plan(tables["loader"])).result == "verified"
         changed = _worker(session, tmp_path).upload(load_plan(tables["loader-standard"]))
         assert changed.result == "verified" and any(c.name == "CXL_SUM" for c in changed.changed)
-        said = []
-        back = _worker(session, tmp_path, said).restore(read_backup(Path(changed.backup)))
-        assert back.result == "verified" and "rebooting" not in said
+        reported = []
+        back = _worker(session, tmp_path, reported).restore(read_backup(Path(changed.backup)))
+        assert back.result == "verified" and "rebooting" not in reported
         assert verify(session, load_plan(tables["loader"])).holds
 
 

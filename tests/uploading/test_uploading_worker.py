@@ -262,9 +262,9 @@ def test_a_board_that_is_busy_saving_is_asked_again_and_one_that_cannot_is_waite
     answers = [m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_TEMPORARILY_REJECTED, m.MAV_RESULT_ACCEPTED]
     board.storage = lambda: answers.pop(0)
     assert _upload(board, plan_of(), tmp_path).result == "verified" and answers == []
-    board.storage, said = lambda: m.MAV_RESULT_UNSUPPORTED, []
-    outcome = _upload(board, plan_of(MPC_THR_HOVER=0.41), tmp_path, Talk(say=said.append))
-    assert outcome.result == "verified" and any("does not save on request" in text for text in said)
+    board.storage, reported = lambda: m.MAV_RESULT_UNSUPPORTED, []
+    outcome = _upload(board, plan_of(MPC_THR_HOVER=0.41), tmp_path, Talk(say=reported.append))
+    assert outcome.result == "verified" and any("does not save on request" in text for text in reported)
 
 
 class _Killed(BaseException):
@@ -312,13 +312,13 @@ def test_killed_after_each_write_the_next_call_makes_it_whole(board, plan_of, tm
 def test_what_forbids_nothing_is_still_said(board, plan_of, tmp_path):
     """A motor that no output drives, a firmware newer than was ever looked at."""
     board.params |= {f"PWM_MAIN_FUNC{n}": (100 + n if n != 7 else 0, 6) for n in range(1, 9)}
-    board.version, said = (1, 18, 0), []
-    assert _upload(board, plan_of(), tmp_path, Talk(say=said.append)).result == "verified"
-    assert any("PX4 1.18.0 drops of a table is only known up to 1.17" in text for text in said)
-    assert any("no output of this board drives rotor 7 (" in text for text in said)
-    board.params["PWM_MAIN_FUNC7"], board.version, said = (107, 6), (1, 17, 2), []
-    assert _upload(board, plan_of(), tmp_path, Talk(say=said.append)).result == "verified"
-    assert not any("drives rotor" in text or "only known" in text for text in said)
+    board.version, reported = (1, 18, 0), []
+    assert _upload(board, plan_of(), tmp_path, Talk(say=reported.append)).result == "verified"
+    assert any("PX4 1.18.0 drops of a table is only known up to 1.17" in text for text in reported)
+    assert any("no output of this board drives rotor 7 (" in text for text in reported)
+    board.params["PWM_MAIN_FUNC7"], board.version, reported = (107, 6), (1, 17, 2), []
+    assert _upload(board, plan_of(), tmp_path, Talk(say=reported.append)).result == "verified"
+    assert not any("drives rotor" in text or "only known" in text for text in reported)
 
 
 def test_a_bad_line_costs_time_not_the_table(board, plan_of, tmp_path):

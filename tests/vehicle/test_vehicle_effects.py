@@ -149,8 +149,8 @@ def test_a_pair_at_another_spacing_than_the_bench_had():
 def test_the_linear_laws_know_a_weak_rotor_too():
     for law, share in (("fitted", 0.1), ("reduced", 0.8), ("standard", 0.8)):
         speeds = [commands(law, of) for of in (Vehicle(X8, CRM), vehicle_with(WEAK))]
-        blind, told = (np.abs(delivered(u, weak=2) - DEMAND)[1:3].max() for u in speeds)
-        assert told < share * blind, law
+        blind, determined = (np.abs(delivered(u, weak=2) - DEMAND)[1:3].max() for u in speeds)
+        assert determined < share * blind, law
 
 
 def test_what_is_not_stated_or_cannot_be_held_is_said():
@@ -239,7 +239,7 @@ def test_a_mass_moves_the_hover():
 
 
 def test_numbers_that_cannot_be_are_refused_with_their_key():
-    for name, numbers, at, said in (
+    for name, numbers, at, reported in (
         ("degraded_rotor", {"rotor": 9.0, "thrust_loss": 0.1}, {}, "rotors 1 to 8"),
         ("degraded_rotor", {"rotor": 1.0}, {}, "thrust_loss"),
         ("degraded_rotor", {"rotor": 3.0, "thrust_loss": 1.5}, {}, "0 to 1"),
@@ -252,7 +252,7 @@ def test_numbers_that_cannot_be_are_refused_with_their_key():
         ("blade_speed_law", {"exponent_change": 0.1, "rise": 0.0}, {}, "blade_speed_law.rise"),
         ("blade_speed_law", {"exponent_change": 0.1, "power": 0.2, "soft": -1.0}, {}, "_law.soft"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=reported):
             vehicle_with(EffectEntry(name, numbers), **at)
 
 

@@ -9,8 +9,8 @@ import pytest
 from coaxlink.errors import InputError
 from coaxlink.files import example
 from coaxlink.vehicle import load_rotors, load_vehicle
-from sim.errors import WorldError
-from sim.world import World, build_plant
+from sim.errors import SimulationError
+from sim.simulation import Simulation, build_plant
 
 FRAME = example("x8_demo.toml").read_text()
 ROTORS = example("rotor_paper.toml").read_text()
@@ -38,16 +38,16 @@ def test_a_rotor_that_turns_by_itself_is_refused(tmp_path: Path, torque: str) ->
             InputError, match=rf"rotor_paper\.toml: {TORQUES[torque]}: .* found -?[0-9.]+ N m"
         ):
             door(path if door is load_vehicle else tmp_path / "rotor_paper.toml")
-    with pytest.raises(WorldError, match=r"upper\.torque_Nm"):
-        build_plant(World(path))
+    with pytest.raises(SimulationError, match=r"upper\.torque_Nm"):
+        build_plant(Simulation(path))
 
 
 def test_a_lower_rotor_that_turns_by_itself_is_refused(tmp_path: Path) -> None:
     lower = ROTORS.replace('"u_l^2" = 1.466', '"u_l^2" = -1.466')
     with pytest.raises(InputError, match=r"lower\.torque_Nm: a lower rotor"):
         load_vehicle(files(tmp_path, rotors=lower))
-    with pytest.raises(WorldError, match=r"lower\.torque_Nm"):
-        build_plant(World(tmp_path / "frame.toml"))
+    with pytest.raises(SimulationError, match=r"lower\.torque_Nm"):
+        build_plant(Simulation(tmp_path / "frame.toml"))
 
 
 @pytest.mark.parametrize(
@@ -62,5 +62,5 @@ def test_rotors_that_lack_an_axis_are_refused(tmp_path: Path, frame: str, lost: 
     with pytest.raises(InputError, match=rf"frame\.toml: rotors: these rotors cannot make {lost}, whatever"):
         load_vehicle(files(tmp_path, frame))
     if lost != "yaw":
-        with pytest.raises(WorldError, match=r"rotors\.position_m: rotors on one point or one line"):
-            build_plant(World(tmp_path / "frame.toml"))
+        with pytest.raises(SimulationError, match=r"rotors\.position_m: rotors on one point or one line"):
+            build_plant(Simulation(tmp_path / "frame.toml"))

@@ -62,7 +62,7 @@ def vehicle_of(
 
 
 def _say_unused(vehicle: Vehicle) -> None:
-    """A condition that no effect of the rotor file depends on changes nothing: said, not taken in silence."""
+    """A condition that no effect of the rotor file depends on changes nothing: reported, not passed over."""
     from dataclasses import replace
 
     from coaxlink.vehicle import Vehicle

@@ -71,7 +71,7 @@ def identify_from_flights(
             status.update("planning the next flight")
             try:
                 planned = next_flight(update, vehicle.declared)
-            except InputError as error:  # a model that flies nothing has no plan; its coefficients are said
+            except InputError as error:  # a model that flies nothing has no plan, but coefficients
                 problem = error
     screen = console()
     screen.print(coefficient_table(update, planned))

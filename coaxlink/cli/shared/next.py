@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from coaxlink.residual import Refinement
 
-LIKELY = 0.5  # that something is there, where nothing is said to be: more likely than not
+LIKELY = 0.5  # that something is there, where nothing is reported to be: more likely than not
 WEAK = "ground it, change its propeller or motor, fly the check again"
 _WARM = (
     "the same points after a rest and after minutes at full load, doors open, motor_temperature_C and "

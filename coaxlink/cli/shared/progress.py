@@ -21,7 +21,7 @@ class Bar:
     def __init__(self, shown: Progress, bar: TaskID, done: int, total: int | None, what: str) -> None:
         self._shown, self._bar, self._first, self._total, self._what = shown, bar, done, total, what
         self._began = time.monotonic()
-        self._said = self._began + 2.0 - EVERY_S  # a first line soon
+        self._reported = self._began + 2.0 - EVERY_S  # a first line soon
         self._step = what
 
     def step(self, text: str) -> None:
@@ -43,8 +43,8 @@ class Bar:
         if self._shown.console.is_terminal:
             return
         last = done == self._total
-        if last or time.monotonic() - self._said > EVERY_S:
-            self._said = time.monotonic()
+        if last or time.monotonic() - self._reported > EVERY_S:
+            self._reported = time.monotonic()
             say(f"{text} ({100 * done // (self._total or 1)} %), {rate:.3g} a second")
 
 

@@ -47,7 +47,7 @@ def forget_vehicle(out: Path, kept: Container[str]) -> None:
             (out / FOLDER / name).unlink(missing_ok=True)
 
 
-def said_first(source: Path, plan: Plan, doubts: list[str], *, spin_from_table: bool = False) -> Present:
+def reported_first(source: Path, plan: Plan, doubts: list[str], *, spin_from_table: bool = False) -> Present:
     """What `Talk.present` does for a table's folder: its price beside the table on board, in three lines, and
     one on the rate loops. What is to be asked about goes into `doubts`."""
     airframe = kept_airframe(source)

@@ -63,7 +63,7 @@ def _standard_streams() -> bool:
 
 
 def _unwritten() -> str:
-    """Why the last of what was said does not go out (a full disk), "" when it does; it is dropped then."""
+    """Why the last of what was printed does not go out (a full disk), "" when it does; it is dropped then."""
     problem = ""
     for name, stream in (("standard output", sys.stdout), ("standard error", sys.stderr)):
         try:

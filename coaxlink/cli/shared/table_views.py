@@ -168,7 +168,7 @@ def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tu
 def weigh_tables(
     vehicle: Vehicle, load: tuple[float, float], connect: str = "", system: int | None = None
 ) -> Worths:
-    """All tables of a vehicle, the one on board first; what cannot be made is said on stderr."""
+    """All tables of a vehicle, the one on board first; what cannot be made is reported on stderr."""
     from coaxlink.tables.worth import px4_worths
 
     board = None

@@ -49,7 +49,7 @@ GROUPS = {
         "examples": "List the shipped files, or copy them here.",
     },
 }
-SAID = {verb: words for verbs in GROUPS.values() for verb, words in verbs.items()}
+REPORTED = {verb: words for verbs in GROUPS.values() for verb, words in verbs.items()}
 
 
 @functools.cache
@@ -57,7 +57,7 @@ def load(verb: str) -> Any:
     """A verb as click has it: the function of its module's name. Raises ImportError in a light install."""
     function = getattr(importlib.import_module(f"coaxlink.cli.{verb}"), verb)
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(verb, short_help=SAID[verb])(function)
+    alone.command(verb, short_help=REPORTED[verb])(function)
     command = typer.main.get_command(alone)
     look_before(command)
     return command
@@ -67,18 +67,18 @@ class Loaded(Mapping[str, Any]):
     """Every verb by its name, loaded when it is asked for."""
 
     def __getitem__(self, verb: str) -> Any:
-        if verb not in SAID:
+        if verb not in REPORTED:
             raise KeyError(verb)
         return load(verb)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(SAID)
+        return iter(REPORTED)
 
     def __len__(self) -> int:
-        return len(SAID)
+        return len(REPORTED)
 
     def __contains__(self, verb: object) -> bool:
-        return verb in SAID
+        return verb in REPORTED
 
 
 class Verbs(TyperGroup):
@@ -89,10 +89,10 @@ class Verbs(TyperGroup):
         self.commands = Loaded()  # type: ignore[assignment]  # none is added to it
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return list(SAID)
+        return list(REPORTED)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        width = max(map(len, SAID))
+        width = max(map(len, REPORTED))
         for group, verbs in GROUPS.items():
             with formatter.section(group):
                 formatter.write_dl([(verb.ljust(width), words) for verb, words in verbs.items()])

@@ -65,18 +65,18 @@ def read_in_periods(
     """
     found = []
     for part in parts:
-        said: list[str] = []
+        reported: list[str] = []
         taken: list[str] = []
-        commands = read(part, said, taken)
+        commands = read(part, reported, taken)
         if commands is not None:
-            found.append((part, commands, said, taken))
+            found.append((part, commands, reported, taken))
     if not found:
         return None
     longest = max(found, key=lambda one: len(one[1].time_s))[1]
     kept = [one for one in found if one[1].columns.keys() == longest.columns.keys()]
-    for part, _, said, taken in kept:
+    for part, _, reported, taken in kept:
         start = f"from {part.since_s:.1f} s on ({part.why}): " if part.why else ""
-        notes += [start + word for word in said]
+        notes += [start + word for word in reported]
         premises += taken
     time = np.concatenate([commands.time_s for _, commands, *_ in kept])
     columns = {name: np.concatenate([c.columns[name] for _, c, *_ in kept]) for name in longest.columns}

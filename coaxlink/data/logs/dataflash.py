@@ -51,12 +51,12 @@ def read_dataflash(path: Path) -> list[Samples]:
 
 
 def _between(log: Records, first: int, last: int) -> Records:
-    """One stretch; of parameters all that was said by its end."""
+    """One stretch; of parameters all that was reported by its end."""
     parts = {name: kept.between(first * (name != "PARM"), last) for name, kept in log.kinds.items()}
     now = {name: kept for name, kept in parts.items() if kept.messages}
     if "PARM" in now and first:  # what was set before holds from the beginning
-        said = now["PARM"]
-        now["PARM"] = replace(said, time_s=np.where(said.at < first, -np.inf, said.time_s))
+        reported = now["PARM"]
+        now["PARM"] = replace(reported, time_s=np.where(reported.at < first, -np.inf, reported.time_s))
     return Records(now, log.damaged)
 
 
@@ -73,10 +73,10 @@ def _flight(path: Path, log: Records) -> Samples:
     outputs = ardupilot_map(parameters)
     motors = read_in_periods(
         periods(first, changes),
-        lambda held, said, taken: _motors(
+        lambda held, reported, taken: _motors(
             {n: rows for n, m in messages.items() if n in OUTPUTS and (rows := held.of(m))},
             held.parameters,
-            said,
+            reported,
             taken,
         ),
         notes,
@@ -96,8 +96,8 @@ def _flight(path: Path, log: Records) -> Samples:
         _switch(messages.get("EV"), "landed", EVENT_LANDED, EVENT_AIRBORNE),
     ]
     samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
-    said = log.kinds.get("MSG")
-    rows = () if said is None else zip(said.time_s.tolist(), said.messages, strict=True)
+    reported = log.kinds.get("MSG")
+    rows = () if reported is None else zip(reported.time_s.tolist(), reported.messages, strict=True)
     return replace(
         samples,
         motors=tuple(o.motor for o in outputs),
@@ -132,11 +132,11 @@ def _refuse_timeless(path: Path, log: Records) -> None:
         raise InputError(path, "", problem)
 
 
-def _set(said: Kept | None) -> tuple[dict[str, float], list[Change]]:
+def _set(reported: Kept | None) -> tuple[dict[str, float], list[Change]]:
     """Parameters as a log begins with them, and everything that it says was set."""
-    if said is None:
+    if reported is None:
         return {}, []
-    rows = [(t, m.Name, m.Value) for t, m in zip(said.time_s.tolist(), said.messages, strict=True)]
+    rows = [(t, m.Name, m.Value) for t, m in zip(reported.time_s.tolist(), reported.messages, strict=True)]
     first: dict[str, float] = {}
     for time, name, value in rows:
         if time == -np.inf:

@@ -34,11 +34,11 @@ def between_rows(own: TimeSeries, topics: Mapping[str, Message | None]) -> TimeS
     rows, given = own.time_s, np.stack([*own.columns.values()], axis=1)
     at_rows = _at(rows, demands)
     free = ((given > 0.0) & (given < 1.0)).all(axis=1) & ~_silent(rows, demands)
-    told = free[2:] & free[1:-1] & free[:-2] & (rows[2:] - rows[:-2] < 3.0 * own.period_s)
-    if told.sum() < LEAST_ROWS:
+    determined = free[2:] & free[1:-1] & free[:-2] & (rows[2:] - rows[:-2] < 3.0 * own.period_s)
+    if determined.sum() < LEAST_ROWS:
         return None
-    bends = np.diff(given, 2, axis=0)[told]
-    causes = np.diff(at_rows, 2, axis=0)[told]
+    bends = np.diff(given, 2, axis=0)[determined]
+    causes = np.diff(at_rows, 2, axis=0)[determined]
     half = np.arange(len(bends)) < len(bends) // 2
     left = np.empty_like(bends)
     for mine in (half, ~half):

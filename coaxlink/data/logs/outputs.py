@@ -96,12 +96,12 @@ def motorless(parameters: Parameters) -> str:
     >>> motorless({"SERVO1_FUNCTION": 4.0, "SERVO3_FUNCTION": 70.0})
     'SERVO1_FUNCTION 4 (aileron), SERVO3_FUNCTION 70 (throttle)'
     """
-    said = {
+    reported = {
         n: f for n in range(1, ARDUPILOT_OUTPUTS + 1) if (f := int(parameters.get(f"SERVO{n}_FUNCTION", 0)))
     }
-    if not said or ardupilot_map(parameters):
+    if not reported or ardupilot_map(parameters):
         return ""
-    named = [f"SERVO{n}_FUNCTION {f}{f' ({SURFACES[f]})' * (f in SURFACES)}" for n, f in said.items()]
+    named = [f"SERVO{n}_FUNCTION {f}{f' ({SURFACES[f]})' * (f in SURFACES)}" for n, f in reported.items()]
     return ", ".join(named[:4])
 
 
@@ -147,8 +147,8 @@ def motor_map(parameters: Parameters, motors: int) -> tuple[Map, str]:
     """
     every = range(1, motors + 1)
     if any(name.startswith(("SERVO", "MOT_")) for name in parameters):
-        told = parameters.get("MOT_PWM_TYPE", 0) in (*ARDUPILOT_DIGITAL, ARDUPILOT_SCALED)
-        taken = "" if told or ardupilot_range(parameters) else f"motors run from {ASSUMED}"
+        determined = parameters.get("MOT_PWM_TYPE", 0) in (*ARDUPILOT_DIGITAL, ARDUPILOT_SCALED)
+        taken = "" if determined or ardupilot_range(parameters) else f"motors run from {ASSUMED}"
         by_number = tuple(MotorOutput(n, n, *_ardupilot_range(parameters, n), "SERVO") for n in every)
         return ardupilot_map(parameters) or by_number, taken
     maps = [own for own in px4_maps(parameters) if {o.motor for o in own} >= set(every)]

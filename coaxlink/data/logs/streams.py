@@ -156,13 +156,15 @@ def merge(
             columns[name] = np.where(one.silent(grid), np.nan, values) if name.startswith("rpm") else values
     rare = [n for one in measured if one.period_s > RARE_S for n in one.columns if n.startswith("rpm")]
     keep = ~np.logical_or.reduce([one.has_gap(grid) for one in pacing])
-    said = [f"{len(grid)} rows every {1e3 * period:.3g} ms, the rate of the motor commands"]
+    reported = [f"{len(grid)} rows every {1e3 * period:.3g} ms, the rate of the motor commands"]
     if not keep.all():
-        said.append(f"{int((~keep).sum())} rows left out where the log has gaps")
+        reported.append(f"{int((~keep).sum())} rows left out where the log has gaps")
     if rare:
         every = max(one.period_s for one in measured if rare[0] in one.columns)
-        said.append(f"{len(rare)} rotors' rpm come every {every:.2g} s: rows between them hold none (NaN)")
-    samples = Samples(columns, source, (*notes, *said), resolution=steps).take(keep)
+        reported.append(
+            f"{len(rare)} rotors' rpm come every {every:.2g} s: rows between them hold none (NaN)"
+        )
+    samples = Samples(columns, source, (*notes, *reported), resolution=steps).take(keep)
     if not samples.rows:
         raise InputError(source, "", "no stretch in which commands and motion were both logged")
     return samples

@@ -80,26 +80,26 @@ def _middle(clock: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def each_stretch(source: str, parts: Sequence[Part], read: Callable[[Part], Samples]) -> list[Samples]:
-    """Every stretch of a log that can be read, each with what must be said of the whole.
+    """Every stretch of a log that can be read, each with what must be reported of the whole.
 
     Raises InputError where none can, as the first does.
     """
     found: list[Samples] = []
-    said: list[str] = []
+    reported: list[str] = []
     problems: list[InputError] = []
     for number, part in enumerate(parts, 1):
         try:
             one = read(part)
         except InputError as error:
             problems.append(error)
-            said.append(f"number {number} is not read ({error.problem})")
+            reported.append(f"number {number} is not read ({error.problem})")
             continue
         if len(parts) == 1:
             return [one]
         found.append(replace(one, source=f"{source}, stretch {number} of {len(parts)}"))
-        said.append(f"{one['time_s'][-1] - one['time_s'][0]:.3g} s")
+        reported.append(f"{one['time_s'][-1] - one['time_s'][0]:.3g} s")
     if not found:
         raise problems[0]
     why = "its clock goes back or its board started again in between"
-    words = f"{source}: {len(parts)} stretches, {' and '.join(said)}: {why}"
+    words = f"{source}: {len(parts)} stretches, {' and '.join(reported)}: {why}"
     return [replace(one, provenance=(words, *one.provenance)) for one in found]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, MICROSECONDS_WRAP_S
 from coaxlink.data.logs.mavlink_frames import LONGEST_FRAME, Heard, Rows, Sender, heard, message_numbers
 from coaxlink.data.logs.outputs import (
     Map,
@@ -53,7 +53,6 @@ NAMES = (
     "LOCAL_POSITION_NED", "ACTUATOR_OUTPUT_STATUS", "SERVO_OUTPUT_RAW", "BATTERY_STATUS", "ESC_STATUS",
     "ESC_INFO", *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
 )  # fmt: skip
-WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
 CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU")  # one at a time
 QUIET = ("HEARTBEAT", "PARAM_VALUE")  # sent on the ground too
 FLIGHT_MESSAGES = "messages of a flight"
@@ -149,13 +148,13 @@ def _link(path: Path, system: int | None) -> _Link:
     boots = []
     edges = [0, *cuts(str(path), _streams(sent, found), LATE_S), 2**62]
     for first, last in pairwise(edges):
-        said = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
+        stated = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
         values: dict[str, float] = {}
         if reported is not None:
             later = _parameters(reported.between(last, 2**62), bytewise=bytewise, first=True)
             values = later | _parameters(reported.between(0, last - 1), bytewise=bytewise)
-        if said:
-            boots.append(_Boot(_stamped(said), values))
+        if stated:
+            boots.append(_Boot(_stamped(stated), values))
     return _Link(boots, provenance, found.garbled, found.garbled > 0 or found.left > LONGEST_FRAME)
 
 
@@ -181,7 +180,7 @@ def _streams(sent: Mapping[str, Rows], found: Heard) -> Iterator[Stream]:
 def chosen(
     path: Path, sent: Mapping[Sender, int], system: int | None, what: str
 ) -> tuple[Sender, tuple[str, ...]]:
-    """Whom to read, and what must be said of the others; `sent` is how much each sent. Raises InputError.
+    """Whom to read, and what must be reported of the others; `sent` is how much each sent. Raises InputError.
 
     >>> chosen(Path("f.tlog"), {(1, 1): 900, (2, 1): 40}, 2, "messages")[0]
     (2, 1)
@@ -210,7 +209,7 @@ def chosen(
 
 def tlog_parameters(path: Path, system: int | None = None) -> tuple[dict[str, float], tuple[str, ...]]:
     """The last value of each parameter that an autopilot sent (a ground station asks for all of them), and
-    what must be said of others.
+    what must be reported of others.
 
     Of several senders that of `system`, else the one that sent the most. Raises InputError for none.
     """
@@ -266,7 +265,7 @@ def _stamped(sent: Mapping[str, Rows]) -> dict[str, Message]:
     clock, clocks = 0.0, np.empty(len(order))
     for i, stamp, short in zip(order.tolist(), own[order].tolist(), wraps[order].tolist(), strict=True):
         if short:
-            clock = stamp + WRAP_S * round((clock - stamp) / WRAP_S)
+            clock = stamp + MICROSECONDS_WRAP_S * round((clock - stamp) / MICROSECONDS_WRAP_S)
         elif not math.isnan(stamp):
             clock = stamp
         clocks[i] = clock

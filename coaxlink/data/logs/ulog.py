@@ -67,12 +67,12 @@ def _flight(path: Path, log: Any, torn: bool) -> Samples:
     maps = px4_maps(parameters)
     motors = read_in_periods(
         periods(_numbers(log.initial_parameters), _changes(log)),
-        lambda held, said, taken: _motors(
+        lambda held, reported, taken: _motors(
             held.of(topics.get("actuator_motors")),
             {name: held.of(topics.get(name)) for name in DEMANDS},
             [rows for one in outputs if (rows := held.of(one))],
             held.parameters,
-            said,
+            reported,
             taken,
         ),
         notes,
@@ -89,12 +89,12 @@ def _flight(path: Path, log: Any, torn: bool) -> Samples:
         *_rpm(escs, maps, notes, premises),
     ]
     samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
-    said = ((m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages)
+    reported = ((m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages)
     return replace(
         samples,
         motors=_motors_of(motors, maps, "actuator_motors" in topics),
         parameters=parameters,
-        texts=tuple(sorted(said, key=lambda row: row[0])),
+        texts=tuple(sorted(reported, key=lambda row: row[0])),
     )
 
 

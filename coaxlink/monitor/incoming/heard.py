@@ -61,7 +61,7 @@ class Heard:
         self._received = self._missed = 0
 
     def follow(self, system: int, component: int, *, anew: bool = False) -> None:
-        """Watch this autopilot from now on. What another one said is forgotten, and with `anew` its own."""
+        """Watch this autopilot from now on. What another one sent is forgotten, and with `anew` its own."""
         if anew or self.target != (system, component):
             with self._lock:
                 self._forget((system, component))

@@ -83,12 +83,12 @@ def begin(heard: Heard, session: Session) -> None:
 
 def line_notes(session: Session) -> list[str]:
     """Who else is on the line, and whether the vehicle's words could be checked."""
-    said = session.bound.standing()
+    reported = session.bound.standing()
     if others := session.autopilots.beside(session.identity.system):
-        said.append(f"shown is system {session.identity.system}; also on the line: {', '.join(others)}")
+        reported.append(f"shown is system {session.identity.system}; also on the line: {', '.join(others)}")
     if session.bound.signs and not session.signed:
-        said.append("the vehicle signs its messages: they are shown unchecked")
-    return said
+        reported.append("the vehicle signs its messages: they are shown unchecked")
+    return reported
 
 
 class Streams:

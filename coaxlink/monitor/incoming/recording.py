@@ -35,7 +35,7 @@ WARM_S = 10.0  # what is played before the place that is sought: rarer messages 
 MOST_AHEAD_S = 60.0  # a step of more than this is a leap
 SLOWEST, FASTEST = 1 / 64, 1024.0
 _TEXT = 253  # STATUSTEXT
-UNSAID = 6  # severity of texts whose log has none
+UNSTATED = 6  # severity of texts whose log has none
 _KEPT = {22, _TEXT}  # PARAM_VALUE too: sent once, and still true later
 _STAMPED = {30, 32, 33}  # ATTITUDE and positions, which carry the time since boot
 
@@ -160,7 +160,7 @@ class Tlog:
         self.target, self.notes = chosen(path, sent, system, FLIGHT_MESSAGES)
         try:
             self.flights: Sequence[Samples] = read_flights(path, self.target[0])
-            self.notes += self.flights[0].provenance[len(self.notes) :]  # what is of several vehicles is said
+            self.notes += self.flights[0].provenance[len(self.notes) :]  # what is of several vehicles
         except InputError:  # shown all the same
             self.flights = ()
         target = self.target
@@ -224,7 +224,7 @@ class SampleLog:
             self._rows += [(samples, int(row)) for row in rows]
             self._times += (time[rows] - start + self.length_s).tolist()
             self._texts += [
-                (max(at - start, 0.0) + self.length_s, UNSAID if severity is None else severity, text)
+                (max(at - start, 0.0) + self.length_s, UNSTATED if severity is None else severity, text)
                 for at, severity, text in samples.texts
                 if at <= time[-1]
             ]
@@ -234,16 +234,16 @@ class SampleLog:
 
     def before(self, to_s: float) -> Iterator[tuple[float, Any]]:
         """As `Recording.before`."""
-        return self._said(0.0, to_s)
+        return self._reported(0.0, to_s)
 
     def between(self, from_s: float, to_s: float) -> Iterator[tuple[float, Any]]:
         """As `Recording.between`."""
         for k in range(bisect_left(self._times, from_s), bisect_left(self._times, to_s)):
             for message in self._messages(*self._rows[k]):
                 yield self._times[k], _sent(message)
-        yield from self._said(from_s, to_s)
+        yield from self._reported(from_s, to_s)
 
-    def _said(self, from_s: float, to_s: float) -> Iterator[tuple[float, Any]]:
+    def _reported(self, from_s: float, to_s: float) -> Iterator[tuple[float, Any]]:
         for at, severity, text in self._texts:
             if from_s <= at < to_s:
                 yield at, _sent(mavlink.MAVLink_statustext_message(severity, text.encode()))

@@ -121,7 +121,7 @@ class ParametersPage(VerticalScroll):
 
 
 class MessagesPage(VerticalScroll):
-    """What the autopilot said."""
+    """What the autopilot reported."""
 
     def compose(self) -> ComposeResult:
         yield Static(id="said")
@@ -130,7 +130,7 @@ class MessagesPage(VerticalScroll):
         """Show a picture."""
         self.border_title = "messages of the autopilot, newest first"
         self.border_subtitle = "vehicle's clock, time of day" if picture.day else "vehicle's clock"
-        put(self.query_one("#said", Static), words.said(picture.view, picture.day))
+        put(self.query_one("#said", Static), words.reported(picture.view, picture.day))
 
 
 class HealthPage(Vertical):

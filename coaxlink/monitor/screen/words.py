@@ -290,8 +290,8 @@ def notes(view: Moment) -> Text:
     return Text("\n").join(lines)
 
 
-def said(view: Moment, now: datetime | None) -> Text:
-    """What the autopilot said, newest first: the vehicle's clock, the time of day (unless None), words."""
+def reported(view: Moment, now: datetime | None) -> Text:
+    """The autopilot's messages, newest first: the vehicle's clock, the time of day (unless None), words."""
     lines = [Text(view.unheard, WARN)] if view.unheard else []
     if not view.texts:
         return Text("\n").join(lines or [Text("no message yet", DIM)])

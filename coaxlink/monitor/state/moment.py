@@ -92,7 +92,7 @@ class Moment:
     parameters: Mapping[str, float]  # of the table on board, as far as they were heard
     notes: tuple[str, ...]
     escs_stale: bool
-    texts: tuple[Text, ...]  # what the autopilot said, oldest first
+    texts: tuple[Text, ...]  # what the autopilot reported, oldest first
     unheard: str  # why no more of them arrive
     now_s: float  # of the clock of `texts`
     health: RotorsInAir
@@ -126,9 +126,9 @@ def observe(
     speeds = rotor_speeds(heard, vehicle)
     age = None if speeds.received_s is None else now - speeds.received_s
     table = TableOnBoard("unread") if board is None else board
-    said = vehicle_of(heard, energy_Wh=airframe.battery_Wh, trend_min=trend_min)
+    reported = vehicle_of(heard, energy_Wh=airframe.battery_Wh, trend_min=trend_min)
     escs = esc_readings(heard, len(airframe.rotors))
-    flying = said is not None and said.armed and not on_ground(telemetry)
+    flying = reported is not None and reported.armed and not on_ground(telemetry)
     rotors = rotors_of(vehicle, speeds, escs, health, flying=flying, least=_least(heard.parameters))
     balance = _balance(vehicle, rotors, heard, table)
     arms = arms_of(airframe, rotors, ideal_shares(allocation, vehicle, balance.wrench))
@@ -147,7 +147,7 @@ def observe(
         plain(airframe.name),
         plain(vehicle.rotors.form),
         link,
-        said,
+        reported,
         speeds,
         age,
         age is not None and age > STALE_S,

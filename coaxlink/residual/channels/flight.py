@@ -89,7 +89,7 @@ class _Stretch:
 
 def flown(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> list[Samples]:
     """The logs, of a file of several stretches those that can be held against a model: a board that was only
-    started leaves one on the ground. What is left out is said in the `provenance` of the rest.
+    started leaves one on the ground. What is left out is reported in the `provenance` of the rest.
 
     Raises InputError where nothing of such a file can be.
     """
@@ -108,8 +108,8 @@ def flown(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> lis
                 problems.append(error)
         if not able:
             raise problems[0]
-        said = tuple(f"{error.source} is not judged: {error.problem}" for error in problems)
-        kept += [replace(one, provenance=(*provenance, *said)) for one in able]
+        reported = tuple(f"{error.source} is not judged: {error.problem}" for error in problems)
+        kept += [replace(one, provenance=(*provenance, *reported)) for one in able]
     return kept
 
 

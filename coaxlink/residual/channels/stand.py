@@ -17,35 +17,32 @@ from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.load import Load
+from coaxlink.residual.channels.judged_rows import (
+    FEW_ROWS,
+    IDLE,
+    LEAST_ROWS,
+    idle,
+    set_points,
+    turned_by_throttle,
+    where_measured,
+)
 from coaxlink.residual.held_out import folds_of
 from coaxlink.rotor import RotorModel
-from coaxlink.rotor.drive import TURNS
-from coaxlink.rotor.drive_fit import driven
 from coaxlink.rotor.model import LOADS
-from coaxlink.rotor.physics import WAKE_TURNS
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.stand_data import normalised_speeds
 
 COLUMN_OF = {load.channel: load.column for load in Load}
-Orders = tuple[
-    tuple[int, ...], tuple[int, ...]
-]  # of a fitted nuisance model that may be tried: upper, lower rotor
+Orders = tuple[tuple[int, ...], tuple[int, ...]]  # that may be tried of a fitted nuisance model: upper, lower
 ORDERS = (2, 3, 4)
 ANY: Orders = (ORDERS, ORDERS)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
-LEAST_ROWS = 16  # judgement: one load over one speed (12 rows) and a few to be held out
 ROWS_A_TERM = 4  # judgement: of a polynomial; with fewer it is no nuisance model to judge anything by
 APART = 0.02  # of normalised speed: less is one speed
-SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
-# of a speed's range, and how often (judgement): who sets a speed does not take it up, down and up by little
-TREMBLES, OFTEN = 0.02, 3
-IDLE = 0.04  # of full speed
 UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
 # of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
 JUMP, WINDMILL = 0.01, 0.1
-MOST_TURNED = 0.4  # of the rows, judgement: more is a torque that reads something else
-FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 # of load cells behind tachometers (filters, clocks); rows slower than that are settled
 DELAY_S, FAST_S = 0.06, 0.3
 Nuisance = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
@@ -127,14 +124,14 @@ def stand_frame(
     else:
         nuisance = model
         if not extrapolated:
-            present, keep = _where_measured(model, samples, u, present, keep, notes)
+            present, keep = where_measured(model, samples, u, present, keep, notes)
         if throttles is not None and model.drive is not None and {3, 5} <= set(present) and not extrapolated:
-            keep = _turned_by_throttle(u, throttles[:, 1], measured[:, 3], keep, notes)
-    commanded = not speeds.from_throttle and throttles is None and _set_points(u)
+            keep = turned_by_throttle(u, throttles[:, 1], measured[:, 3], keep, notes)
+    commanded = not speeds.from_throttle and throttles is None and set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
     if model is not None and not speeds.from_throttle and not commanded:
-        awake = keep[~_idle(u)[keep]]
+        awake = keep[~idle(u)[keep]]
         if LEAST_ROWS < len(awake) < len(keep):
             asleep = len(keep) - len(awake)
             notes.append(f"{asleep} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
@@ -169,78 +166,6 @@ def _turned(model: RotorModel, samples: Samples, throttles: Array) -> Array:
         return throttles
     supply = [model.drive.supply(v) for v in volts]
     return np.stack(model.turned(throttles[:, 0] * supply[0], throttles[:, 1] * supply[1]), axis=1)
-
-
-def _set_points(u: Array) -> bool:
-    """Whether speeds (rows, 2) are what somebody asked for: tachometers do not repeat to the last digit, and
-    a coarse one, which does, trembles between its steps.
-    """
-    for column in u.T:
-        turning = column[column > 0.0]
-        if len(np.unique(turning)) > SETTINGS * len(turning):
-            return False
-        moves = np.diff(column)
-        small = np.abs(moves) < TREMBLES * np.ptp(column)
-        turns = (moves[1:] * moves[:-1] < 0.0) & small[1:] & small[:-1]
-        if np.sum(turns[1:] & turns[:-1]) >= OFTEN:
-            return False
-    return len(u) > LEAST_ROWS
-
-
-def _turned_by_throttle(
-    u: Array, throttle: Array, torque: Array, keep: NDArray[np.intp], notes: list[str]
-) -> NDArray[np.intp]:
-    """Rows without those in which the upper rotor's wake helps to turn the lower one: no drive is fitted to
-    such rows, and none is held against them.
-    """
-    drives = driven(u[:, 1], torque) & (throttle > TURNS)
-    wake = ~drives & (u[:, 0] > WAKE_TURNS * u[:, 0].max()) & (u[:, 1] > TURNS)
-    if not wake[keep].any() or np.mean(wake[keep]) > MOST_TURNED:
-        return keep
-    notes.append(
-        f"{wake[keep].sum()} rows in which the wake turns the lower rotor, not its throttle: not judged"
-    )
-    return keep[~wake[keep]]
-
-
-def _where_measured(
-    model: RotorModel,
-    samples: Samples,
-    u: Array,
-    present: list[int],
-    keep: NDArray[np.intp],
-    notes: list[str],
-) -> tuple[list[int], NDArray[np.intp]]:
-    """Channels and rows whose loads the model's own stand measured: elsewhere it is an extrapolation, and
-    what is left of it tells nothing. InputError where no load is left.
-    """
-    at = model.measured_at(u)[keep]
-    upper_feels = any(
-        powers[1] for load in Load if load.rotor == 0 for powers in model.surface(load).exponents
-    )
-    rows = {c: at.all(axis=1) if c in (2, 3) or upper_feels else at[:, 0] for c in present if c < 4}
-    unknown = [c for c, known in rows.items() if np.sum(known) < min(FEW_ROWS, len(keep))]
-    if unknown:
-        names = ", ".join(STAND_CHANNELS[c] for c in unknown)
-        notes.append(f"{names}: not judged, the model's stand did not run the rotors at these speeds")
-        present = [c for c in present if c not in unknown]
-    if not rows.keys() - unknown:
-        need = "loads where the model's stand measured them are needed, or a model of this log (`identify`)"
-        raise InputError(samples.source, "", f"the rotors turn as they did not on the model's stand; {need}")
-    known = np.logical_and.reduce([rows[c] for c in rows if c not in unknown])
-    if not known.all():
-        notes.append(f"{np.sum(~known)} rows: not judged, the model's stand did not run the rotors so")
-    return present, keep[known]
-
-
-def _idle(u: Array) -> NDArray[np.bool_]:
-    """(rows,) where the lower rotor barely turns in a wake: it stalls and windmills.
-
-    At rest for longer than a row it is not idle: what the upper rotor does alone is seen there.
-    """
-    rest = u[:, 1] <= 0.0
-    lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
-    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < IDLE) & ~lasting)
 
 
 def _followed(
@@ -278,18 +203,18 @@ def _fitted_nuisance(
 ) -> tuple[RotorModel, NDArray[np.intp]]:
     """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
     nuisance = fitted_model(u[keep], measured[keep], present, speed_max_rpm, orders)
-    idle = _idle(u[keep])
+    windmilling = idle(u[keep])
     lower = [c for c in present if c in (2, 3)]
-    if not lower or not idle.any() or np.sum(~idle) <= LEAST_ROWS:
+    if not lower or not windmilling.any() or np.sum(~windmilling) <= LEAST_ROWS:
         return nuisance, keep
     pair = nuisance.loads(*u[keep].T)
     own = np.stack([pair.lower_thrust, pair.lower_torque], axis=1)[:, [c - 2 for c in lower]]
     left = measured[keep][:, lower] - own
-    among, rest = (np.sqrt(np.mean(left[rows] ** 2, axis=0)) for rows in (idle, ~idle))
+    among, rest = (np.sqrt(np.mean(left[rows] ** 2, axis=0)) for rows in (windmilling, ~windmilling))
     if np.all(among < UNFOLLOWED * rest):
         return nuisance, keep
-    notes.append(f"{idle.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
-    awake = keep[~idle]
+    notes.append(f"{windmilling.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
+    awake = keep[~windmilling]
     turning = fitted_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
     terms = {**nuisance.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
     return RotorModel.from_terms(nuisance.form, speed_max_rpm, terms), awake

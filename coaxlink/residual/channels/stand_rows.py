@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 
-SIDES = ("upper", "lower")
 LEAST_BACK = 0.05  # of the steps, judgement: fewer are clocks set back or sessions put together
 RESTARTS = 0.1  # of the span of time, judgement: a clock that starts anew goes back to its start
 

@@ -33,30 +33,30 @@ Planned = Callable[[Any, Array, Sequence[Rival]], Experiment | None]
 NO_RUN = "no run within this log's range distinguishes them: record more of what each needs"
 SHOWN = 12  # sets in the trace
 # of the reference load, judgement: a row's noise of a good stand. A smooth part of the map this large is told
-SMOOTH_SAID = 0.003
+SMOOTH_REPORTED = 0.003
 
 
 def answered(
     ch: Channels,
     found: Posterior | None,
-    said: Decision,
+    stated: Decision,
     suspects: Sequence[Suspect],
     notes: Sequence[str],
     logs: Sequence[Samples],
 ) -> Refinement:
     """The answer to these stand logs; `found` is None where nothing may be claimed."""
-    leading = {*said.claimed, *(g.names[0] for g in said.groups)}
+    leading = {*stated.claimed, *(g.names[0] for g in stated.groups)}
     best = _borne_out(found, leading) if found else None
     members = [m for m in best.members if m.name in leading] if best else []
     fitted = fitted_about(ch, members, best)
     out = concluded(
         fitted,
         found,
-        said,
+        stated,
         _floor(ch, best),
         (suspects, [n for n in notes if n not in ch.frame.notes]),
-        [doubt_of(ch, found, g, stand_experiment, NO_RUN) for g in said.groups] if found else [],
-        _unexplained(ch, found, said) if found else [],
+        [doubt_of(ch, found, g, stand_experiment, NO_RUN) for g in stated.groups] if found else [],
+        _unexplained(ch, found, stated) if found else [],
         logs,
     )
     return replace(out, surface=_smooth(ch, best))
@@ -65,17 +65,17 @@ def answered(
 def concluded(
     fitted: Fitted,
     found: Posterior | None,
-    said: Decision,
+    stated: Decision,
     floor: Array,
     beside: tuple[Sequence[Suspect], Sequence[str]],
     doubts: Sequence[Ambiguous],
     open_ends: Sequence[Unexplained],
     logs: Sequence[Samples],
 ) -> Refinement:
-    """The answer about members that are said; `beside` are what is suspect, and notes."""
+    """The answer about members that are reported; `beside` are what is suspect, and notes."""
     suspects, notes = beside
     claims = {
-        n: {"probability": round(p, 4), "nats": worth(found, n)} for n, p in said.claimed.items() if found
+        n: {"probability": round(p, 4), "nats": worth(found, n)} for n, p in stated.claimed.items() if found
     }
     judged = Judged(
         fitted,
@@ -85,11 +85,11 @@ def concluded(
         tuple(notes),
         tuple(doubts),
         tuple(open_ends),
-        tuple(rejected(found, said)) if found else (),
+        tuple(rejected(found, stated)) if found else (),
         trace_of(found) if found else (),
     )
-    more = round(said.opened, 4) if found else None
-    return replace(reported(judged, logs), more=more, weighed=said.weighed)
+    more = round(stated.opened, 4) if found else None
+    return replace(reported(judged, logs), more=more, weighed=stated.weighed)
 
 
 def _borne_out(found: Posterior, names: set[str]) -> Hypothesis:
@@ -116,32 +116,32 @@ def rivals_of(ch: Channels, found: Posterior, group: Group) -> list[Rival]:
 
 
 def doubt_of(ch: Channels, found: Posterior, group: Group, planned: Planned, none: str) -> Ambiguous:
-    """Names of which one is there, and no one knows which; what would tell is planned, or `none` said."""
+    """Names of which one is there, and no one knows which; what would tell is planned, or `none` reported."""
     rivals = rivals_of(ch, found, group)
     plan = planned(ch.bare, found.best.fit.noise, rivals) if len(rivals) == 2 else None
     held = np.array([max(found.of(name), 1e-9) for name in group.names[1:]])
     others = (group.probability - group.first) * held / np.sum(held)
-    said = tuple(round(float(p), 4) for p in (group.first, *others))
-    return Ambiguous(group.names, plan.text if plan else none, plan, said)
+    stated = tuple(round(float(p), 4) for p in (group.first, *others))
+    return Ambiguous(group.names, plan.text if plan else none, plan, stated)
 
 
-def _unexplained(ch: Channels, found: Posterior, said: Decision) -> list[Unexplained]:
+def _unexplained(ch: Channels, found: Posterior, stated: Decision) -> list[Unexplained]:
     """What is there beyond the names, where the decision says so: free forms, and causes of withheld
     names.
     """
-    if not said.is_open:
+    if not stated.is_open:
         return []
     shown = max((h for h in found.sets if h.effects == found.best.effects), key=lambda h: h.score)
     pieces = pieces_of(ch, shown)
-    for m in [m for m in shown.members if m.name in said.withheld]:
-        u = unnamed(ch, found, shown, m, said.withheld[m.name])
+    for m in [m for m in shown.members if m.name in stated.withheld]:
+        u = unnamed(ch, found, shown, m, stated.withheld[m.name])
         pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
-    if not pieces and not said.claimed and not said.groups:
+    if not pieces and not stated.claimed and not stated.groups:
         left = np.std(shown.left, axis=0)
         c = int(np.argmax(left / ch.reference))
-        why = f"probability {said.opened:.2f} that something is there; it follows nothing that was recorded"
+        why = f"probability {stated.opened:.2f} that something is there; it follows nothing that was recorded"
         pieces[ch.names[c]] = [(float(left[c]), "time_s", why)]
-    return told(ch, pieces)
+    return unexplained_of(ch, pieces)
 
 
 Pieces = dict[str, list[tuple[float, str, str]]]  # by channel: size, variables, words
@@ -160,7 +160,7 @@ def pieces_of(ch: Channels, shown: Hypothesis) -> Pieces:
     return pieces
 
 
-def told(ch: Channels, pieces: Pieces) -> list[Unexplained]:
+def unexplained_of(ch: Channels, pieces: Pieces) -> list[Unexplained]:
     """Of every channel the largest, the largest over its load first."""
     out = []
     for channel, parts in pieces.items():
@@ -205,7 +205,7 @@ def _smooth(ch: Channels, best: Hypothesis | None) -> tuple[SmoothSurface, ...]:
         at += block.width
         c = int(np.argmax(np.abs(block.columns).sum(axis=(0, 2))))
         size = float(np.sqrt(np.mean((block.columns[:, c] @ values) ** 2)))
-        if size > SMOOTH_SAID * ch.reference[c] and not ch.names[c].endswith("_speed"):
+        if size > SMOOTH_REPORTED * ch.reference[c] and not ch.names[c].endswith("_speed"):
             out.append(SmoothSurface(ch.names[c], size, size / float(ch.reference[c]), ch.units[c]))
     return tuple(out)
 
@@ -216,12 +216,12 @@ def worth(found: Posterior, name: str) -> float:
     return round(float(found.best.score - rival.score), 1) if rival else float(found.best.score)
 
 
-def rejected(found: Posterior, said: Decision) -> list[Rejected]:
-    """Every name that some set holds and that is not said, and why."""
+def rejected(found: Posterior, stated: Decision) -> list[Rejected]:
+    """Every name that some set holds and that is not reported, and why."""
     out = []
-    for name in sorted({n for h in found.sets for n in h.effects} - {*said.claimed} - said.grouped):
-        if name in said.withheld:
-            out.append(Rejected(name, f"probability {said.withheld[name]:.2f}: too little for a name"))
+    for name in sorted({n for h in found.sets for n in h.effects} - {*stated.claimed} - stated.grouped):
+        if name in stated.withheld:
+            out.append(Rejected(name, f"probability {stated.withheld[name]:.2f}: too little for a name"))
             continue
         with_it = max((h for h in found.sets if name in h.names), key=lambda h: h.score)
         behind = found.best.score - with_it.score

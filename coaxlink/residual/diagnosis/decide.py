@@ -21,7 +21,7 @@ import numpy as np
 
 from coaxlink.effects.onset import COMES
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.features import MOST_NATS, Candidate, Features
+from coaxlink.residual.diagnosis.features import MOST_EVIDENCE, Candidate, Features
 from coaxlink.residual.diagnosis.flight_forms import Left
 from coaxlink.residual.diagnosis.flight_search import Flown
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
@@ -49,13 +49,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Decision:
-    """What may be said of a log, with the probability of each."""
+    """What may be reported of a log, with the probability of each."""
 
     claimed: Mapping[str, float]
     groups: tuple[Group, ...]
     withheld: Mapping[str, float]  # of names of the leading set
     opened: float  # that something is there beyond what is claimed
-    is_open: bool  # whether that is said
+    is_open: bool  # whether that is reported
     weighed: tuple[Mapping[str, Any], ...] = ()  # candidates with the numbers they were judged by
 
     @property
@@ -89,9 +89,9 @@ def decided(ch: Channels, found: Posterior) -> Decision:
             groups.append(Group((name, *rivals), together, min(alone, together)))
         else:
             withheld[name] = alone
-    said = {*claimed, *(n for g in groups for n in g.names)}
+    reported = {*claimed, *(n for g in groups for n in g.names)}
     opened = 0.0
-    for names in dict.fromkeys([(), tuple(sorted(said))]):
+    for names in dict.fromkeys([(), tuple(sorted(reported))]):
         numbers = features.opened(names)
         opened = probability("open", opened_terms(numbers, names))
         weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
@@ -99,7 +99,7 @@ def decided(ch: Channels, found: Posterior) -> Decision:
 
 
 def decided_in_flight(flown: Flown) -> tuple[Decision, Hypothesis, Left]:
-    """Of what was found in a flight, with the set that is said and what is beside it: what the general case
+    """Of what was found in a flight, with the reported set and what is beside it: what the general case
     does not clearly need is the special one.
 
     A number at the end of what physics allows is no estimate: the name that needs it is withheld. Names of
@@ -128,8 +128,8 @@ def decided_in_flight(flown: Flown) -> tuple[Decision, Hypothesis, Left]:
         else:
             claimed[m.name] = p
     left, opened = Left(flown, lead), 0.0
-    said = {*claimed, *(n for g in groups for n in g.names)}
-    for names in dict.fromkeys([(), tuple(sorted(said))]):
+    reported = {*claimed, *(n for g in groups for n in g.names)}
+    for names in dict.fromkeys([(), tuple(sorted(reported))]):
         numbers = _left_open(found, left, {*names, *bound})
         opened = probability("open", flown_open_terms(numbers, names), FLIGHTS)
         weighed.append({"names": ["open", *names], "probability": opened, "numbers": numbers})
@@ -147,22 +147,22 @@ def needed(found: Posterior, lead: Hypothesis) -> Hypothesis:
         named = (lead.effects - {general}) | {special}
         sets = [h for h in found.sets if h.effects == named and special not in lead.effects]
         if general in lead.effects and sets:
-            nearest = min(sets, key=found.nats_behind)
-            lead = nearest if found.nats_behind(nearest) < least else lead
-    here = found.nats_behind(lead)
-    fewer = [h for h in found.sets if h.effects < lead.effects and found.nats_behind(h) - here < least]
-    return min(fewer, key=lambda h: (len(h.effects), found.nats_behind(h)), default=lead)
+            nearest = min(sets, key=found.evidence_behind)
+            lead = nearest if found.evidence_behind(nearest) < least else lead
+    here = found.evidence_behind(lead)
+    fewer = [h for h in found.sets if h.effects < lead.effects and found.evidence_behind(h) - here < least]
+    return min(fewer, key=lambda h: (len(h.effects), found.evidence_behind(h)), default=lead)
 
 
-def alone(kind: str, nats: float) -> float:
+def alone(kind: str, log_evidence: float) -> float:
     """Probability that a flight holds something, where so many nats of a kind are all that speak for it."""
-    return probability("open", flown_open_terms({kind: nats}, ()), FLIGHTS)
+    return probability("open", flown_open_terms({kind: log_evidence}, ()), FLIGHTS)
 
 
 def best_of(found: Posterior, names: Collection[str]) -> Hypothesis:
     """The best set of no other effects than these."""
     sets = [h for h in found.sets if h.effects <= {*names}]
-    return min(sets, key=found.nats_behind, default=found.best)
+    return min(sets, key=found.evidence_behind, default=found.best)
 
 
 def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str, float]:
@@ -171,10 +171,11 @@ def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str
 
     Those of a lag for themselves.
     """
-    here = min(found.nats_behind(h) for h in found.sets)
+    here = min(found.evidence_behind(h) for h in found.sets)
     whole, less = (
         max(
-            min((found.nats_behind(h) for h in found.sets if h.effects <= some), default=MOST_NATS) - here,
+            min((found.evidence_behind(h) for h in found.sets if h.effects <= some), default=MOST_EVIDENCE)
+            - here,
             0.0,
         )
         for some in ({*apart}, {*apart, FEIGNED})
@@ -182,9 +183,9 @@ def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str
     return {
         "name": less,
         "lag": whole - less,
-        "form": max((f.nats for f in left.forms if f.nats > 0.0), default=0.0),
-        "line": max((line.nats for line in left.lines), default=0.0),
-        "strain": max((strain.nats for strain in left.strains(best_of(found, apart))), default=0.0),
+        "form": max((f.log_evidence for f in left.forms if f.log_evidence > 0.0), default=0.0),
+        "line": max((line.log_evidence for line in left.lines), default=0.0),
+        "strain": max((strain.log_evidence for strain in left.strains(best_of(found, apart))), default=0.0),
     }
 
 
@@ -198,11 +199,15 @@ def flown_numbers(
     A set in which the general case is there holds the special one.
     """
     names = {m.name, *rivals, *(general for special, general in IMPLIED if special == m.name)}
-    here, nats = found.nats_behind(lead), MOST_NATS
+    here, log_evidence = found.evidence_behind(lead), MOST_EVIDENCE
     for h in found.sets:
         if not h.effects & names and (rivals or h.effects <= lead.effects):
-            nats = min(nats, found.nats_behind(h) - here)
-    return {"tempered": float(nats), "members": float(len(lead.members)), "bound": float(at_bound(ch, m))}
+            log_evidence = min(log_evidence, found.evidence_behind(h) - here)
+    return {
+        "tempered": float(log_evidence),
+        "members": float(len(lead.members)),
+        "bound": float(at_bound(ch, m)),
+    }
 
 
 def at_bound(ch: Channels, m: Member) -> bool:
@@ -237,7 +242,7 @@ def _in_its_place(found: Posterior, lead: Hypothesis, name: str) -> dict[str, fl
     for h in found.sets:
         new = h.effects - lead.effects
         if lead.effects - h.effects == {name} and len(new) == 1 and not new & implied:
-            behind = max(found.nats_behind(h) - found.nats_behind(lead), 0.0)
+            behind = max(found.evidence_behind(h) - found.evidence_behind(lead), 0.0)
             if behind < -np.log(RIVAL):
                 out[next(iter(new))] = min(behind, out.get(next(iter(new)), np.inf))
     return dict(sorted(out.items(), key=lambda pair: pair[1]))
@@ -250,7 +255,7 @@ def calibration(file: str = STANDS) -> dict[str, Any]:
 
 
 def probability(model: str, terms: Mapping[str, float], file: str = STANDS) -> float:
-    """That a candidate is there (`name`), or more than is said (`open`), of its terms."""
+    """That a candidate is there (`name`), or more than is reported (`open`), of its terms."""
     weights = calibration(file)[model]
     total = weights["intercept"] + sum(w * terms[k] for k, w in weights["weights"].items())
     return float(1.0 / (1.0 + np.exp(-np.clip(total, -30.0, 30.0))))
@@ -276,16 +281,18 @@ def terms_of(candidate: Candidate) -> dict[str, float]:
     return out | {"group": float(len(candidate.names) > 1)}
 
 
-def opened_terms(numbers: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
+def opened_terms(numbers: Mapping[str, float], reported: Collection[str]) -> dict[str, float]:
     """What the logistic model takes of what a stand log holds beyond some names: it is as sure as its weakest
     number.
     """
-    return _beyond({"weakest": max(min(numbers[way] for way in WAYS), 0.0)}, said)
+    return _beyond({"weakest": max(min(numbers[way] for way in WAYS), 0.0)}, reported)
 
 
-def _beyond(nats: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
+def _beyond(log_evidence: Mapping[str, float], reported: Collection[str]) -> dict[str, float]:
     """A name's own law misses more than nothing does."""
-    return {name: _scaled(name, value) for name, value in nats.items()} | {"said": float(bool(said))}
+    return {name: _scaled(name, value) for name, value in log_evidence.items()} | {
+        "said": float(bool(reported))
+    }
 
 
 def flown_terms(numbers: Mapping[str, float]) -> dict[str, float]:
@@ -293,17 +300,17 @@ def flown_terms(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: _scaled(name, numbers[name]) for name in ("tempered", "members")}
 
 
-def flown_open_terms(numbers: Mapping[str, float], said: Collection[str]) -> dict[str, float]:
+def flown_open_terms(numbers: Mapping[str, float], reported: Collection[str]) -> dict[str, float]:
     """What the logistic model takes of what a flight holds beyond some names: nats of a name, a form and a
     line add up. What strains the corrections is what a name would explain.
     """
     name, strain, form, line, lag = (
         numbers.get(kind, 0.0) for kind in ("name", "strain", "form", "line", "lag")
     )
-    return _beyond({"tempered": max(name, strain) + form + line, "lag": lag}, said)
+    return _beyond({"tempered": max(name, strain) + form + line, "lag": lag}, reported)
 
 
-def flown_nats() -> float:
+def flown_evidence() -> float:
     """That a name which explains a flight alone has where it is told, at the least."""
     level, model = calibration(FLIGHTS)["level"]["name"], calibration(FLIGHTS)["name"]
     total = np.log(level / (1.0 - level)) - model["intercept"] - model["weights"]["members"]
@@ -317,4 +324,4 @@ def _scaled(name: str, value: float) -> float:
     """Nats and standard errors by their logarithm: the twentieth tells more than the thousandth."""
     if name in PLAIN:
         return float(np.clip(value, -10.0, 10.0))
-    return float(np.sign(value) * np.log1p(min(abs(value), MOST_NATS)))
+    return float(np.sign(value) * np.log1p(min(abs(value), MOST_EVIDENCE)))

@@ -21,6 +21,7 @@ from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.residual.diagnosis.noise import white
 from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import CLAIMED
+from coaxlink.residual.faults.reference import TOLERANCE
 from coaxlink.residual.faults.stand_faults import rows_text
 from coaxlink.residual.result import Suspect
 
@@ -30,7 +31,6 @@ FAULT_ROUNDS = 4
 # of the rows, judgement: less is an outlier, more is what the log is like
 LEAST_SHARE, MOST_SHARE = 0.01, 0.5
 LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
-TOLERANCE = 0.03  # of the reference load: what a nuisance may err by, as a model of another day does
 EXCESS = 0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is its own error
 WITHIN = 3.0  # standard deviations of the readings at a limit
 
@@ -52,7 +52,7 @@ class Weighed:
 
     suspect: Suspect
     rows: Mask
-    nats: float
+    log_evidence: float
 
 
 def weighed_faults(ch: Channels, best: Hypothesis) -> Weighed | None:
@@ -67,10 +67,14 @@ def weighed_faults(ch: Channels, best: Hypothesis) -> Weighed | None:
         if best.members or best.forms:
             forms = tuple(f for f in best.forms if f in other.forms)
             score = max(score, scorer.score(best.members, forms, best.fit.noise).score)
-        nats = score + fault.log_prior + float(ODDS) - rival
-        if nats > np.log(CLAIMED / (1.0 - CLAIMED)) and (found is None or nats > found.nats):
-            why = f"{fault.why} (log evidence {nats:.0f} above every effect's)"
-            found = Weighed(Suspect(fault.column, rows_text(fault.rows), why), fault.rows, float(nats))
+        log_evidence = score + fault.log_prior + float(ODDS) - rival
+        if log_evidence > np.log(CLAIMED / (1.0 - CLAIMED)) and (
+            found is None or log_evidence > found.log_evidence
+        ):
+            why = f"{fault.why} (log evidence {log_evidence:.0f} above every effect's)"
+            found = Weighed(
+                Suspect(fault.column, rows_text(fault.rows), why), fault.rows, float(log_evidence)
+            )
     return found
 
 

@@ -25,7 +25,7 @@ from coaxlink.signals import without_row_noise
 
 WEIGHED = 2  # sets of a kind that are weighed with a colour of their own: seconds
 METER = 0.01  # of its range: what a recorded variable errs by (instruments of class 1, IEC 60051)
-MOST_NATS = 3000.0  # where no set of a kind was worth a visit
+MOST_EVIDENCE = 3000.0  # where no set of a kind was worth a visit
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ class Features:
             ("cause", [h for h in free if (set(h.forms) - set(lead.forms)) & mine]),
             ("rival", [h for h in without if not h.effects <= others]),
         ):
-            numbers |= self._nats(kind, sets)
+            numbers |= self._log_evidence(kind, sets)
         rms = np.std(self.added[name], axis=0)
         c = int(np.argmax(rms / ch.reference))
         beside = max((float(np.std(self.added[o][:, c])) for o in others), default=0.0)
         numbers["beside"] = float(np.log1p(beside / max(rms[c], 1e-9)))
         numbers["load"] = float(np.log(max(rms[c] / ch.reference[c], 1e-6) / EFFECT_SIZE))
-        numbers["freed"] = self._freed(name) if others else MOST_NATS
+        numbers["freed"] = self._freed(name) if others else MOST_EVIDENCE
         # what else it took to explain the log: a log that is not understood tells less
         numbers["members"] = float(len(lead.members))
         numbers["forms"] = float(sum(f not in mine for f in lead.forms))
@@ -102,7 +102,7 @@ class Features:
 
     def tempered(self, h: Hypothesis) -> float:
         """Nats behind the leading set, tempered, odds and all."""
-        return self.found.nats_behind(h) - self.found.nats_behind(self.lead)
+        return self.found.evidence_behind(h) - self.found.evidence_behind(self.lead)
 
     def own(self, h: Hypothesis) -> float:
         """Score of a set whose noise has the colour of what it leaves."""
@@ -115,10 +115,10 @@ class Features:
         """(rows, C) that each name of the leading set adds."""
         return {name: added_by(self.ch, self.lead, name) for name in self.lead.effects}
 
-    def _nats(self, kind: str, sets: Sequence[Hypothesis]) -> dict[str, float]:
+    def _log_evidence(self, kind: str, sets: Sequence[Hypothesis]) -> dict[str, float]:
         """Of the leading set over the best of these; three ways."""
         if not sets:
-            return {f"{kind}_{way}": MOST_NATS for way in ("raw", "tempered", "own")}
+            return {f"{kind}_{way}": MOST_EVIDENCE for way in ("raw", "tempered", "own")}
         best = sorted(sets, key=lambda h: -h.score)[:WEIGHED]
         return {
             f"{kind}_raw": float(self.lead.score - best[0].score),

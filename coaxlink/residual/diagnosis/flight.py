@@ -15,7 +15,7 @@ from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
 from coaxlink.residual.channels.flight_floor import flight_variables, runs_of
 from coaxlink.residual.diagnosis.channels import Channels, possible
-from coaxlink.residual.diagnosis.decide import flown_nats
+from coaxlink.residual.diagnosis.decide import flown_evidence
 from coaxlink.residual.diagnosis.flight_search import FlightSearch, Flown
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 from coaxlink.residual.diagnosis.parts import Block, products, waves
@@ -142,6 +142,6 @@ def would_show(found: Flown, lead: Hypothesis) -> list[WouldShow]:
     """The smallest size of every effect of the grid that would have been named beside a set."""
     search = FlightSearch(found.search.scorer)
     search.visited.add(lead)
-    sizes = smallest(search, flown_nats(), limited=True)
+    sizes = smallest(search, flown_evidence(), limited=True)
     shown = [WouldShow(n, s.share, s.channel) for n, s in sizes.items()]
     return sorted((w for w in shown if w.share < HIDDEN), key=lambda w: w.share)

@@ -39,7 +39,7 @@ class Form:
     """A free form of one channel, and how far the rows bear it out."""
 
     shown: Hypothesis
-    nats: float
+    log_evidence: float
     size: float  # of the reference load
 
 
@@ -50,7 +50,7 @@ class Line:
     channel: str
     period_s: float
     rms: float
-    nats: float  # against noise that has as much there by chance
+    log_evidence: float  # against noise that has as much there by chance
     size: float  # of the reference load
 
 
@@ -64,7 +64,7 @@ class Strain:
     share: float  # of its load
     believed: float  # of its load, one standard deviation
     rms: float
-    nats: float  # against corrections that lie so far out by chance
+    log_evidence: float  # against corrections that lie so far out by chance
     size: float  # of the reference load
 
 
@@ -89,7 +89,7 @@ class Left:
             mine = [name for _, name in ranked if name.split("|")[1] == channel]
             best = [next((n for n in mine if (_over(n) in PATHS) == late), "") for late in (False, True)]
             forms = [self._form(self._about(name), channel) for name in best if name]
-            out += sorted((f for f in forms if f.size >= LEAST), key=lambda f: -f.nats)[:1]
+            out += sorted((f for f in forms if f.size >= LEAST), key=lambda f: -f.log_evidence)[:1]
         return tuple(out)
 
     @cached_property
@@ -99,8 +99,8 @@ class Left:
         row = float(np.median(np.diff(ch.frame.time_s[ch.frame.keep])))
         for c, channel in enumerate(ch.names):
             if (found := period_of(self.without.left[:, c])) is not None:
-                period, rms, nats = found
-                out.append(Line(channel, period * row, rms, nats, rms / float(ch.reference[c])))
+                period, rms, log_evidence = found
+                out.append(Line(channel, period * row, rms, log_evidence, rms / float(ch.reference[c])))
         return tuple(line for line in out if line.size >= LEAST)
 
     def strains(self, h: Hypothesis) -> tuple[Strain, ...]:
@@ -124,11 +124,13 @@ class Left:
             return None
         at = np.cumsum([0, *(block.width for block in ch.nuisance)])[of]
         out = fit.values[at] / fit.deviation[at]
-        told = float(np.sum(1.0 - np.diagonal(fit.covariance)[at] / fit.deviation[at] ** 2))
+        determined = float(np.sum(1.0 - np.diagonal(fit.covariance)[at] / fit.deviation[at] ** 2))
         added = np.concatenate([ch.nuisance[k].columns for k in of], axis=-1) @ fit.values[at]
         rms = np.sqrt(np.mean(added**2, axis=0))
         c, most = int(np.argmax(rms / ch.reference)), int(np.argmax(np.abs(out)))
-        chance = float(chi2.logsf(np.sum(out**2), told)) + np.log(len(LOADS)) if told > 0.0 else 0.0
+        chance = (
+            float(chi2.logsf(np.sum(out**2), determined)) + np.log(len(LOADS)) if determined > 0.0 else 0.0
+        )
         return Strain(
             load=load,
             channel=ch.names[c],
@@ -136,7 +138,7 @@ class Left:
             share=float(fit.values[at[most]]),
             believed=float(fit.deviation[at[most]]),
             rms=float(rms[c]),
-            nats=max(float(ODDS) - chance, 0.0),
+            log_evidence=max(float(ODDS) - chance, 0.0),
             size=float(rms[c] / ch.reference[c]),
         )
 

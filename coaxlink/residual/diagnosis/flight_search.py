@@ -62,7 +62,7 @@ def searched(ch: Channels, progress: Progress) -> Flown:
         if search is not None and np.all(now > times / LESS):
             break
         times, starts = now, search.visited.ranked()[:STARTS] if search else []
-        search = FlightSearch(Scorer(ch, tempered(times)), lambda said: progress(f"weighing {said}"))
+        search = FlightSearch(Scorer(ch, tempered(times)), lambda reported: progress(f"weighing {reported}"))
         search.run([h for h in starts if h.members])
         beside = search.visited.best
     assert search is not None

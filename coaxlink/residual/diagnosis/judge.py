@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.channels.judged_rows import LEAST_ROWS
+from coaxlink.residual.channels.stand import joined, stand_frame
 from coaxlink.residual.diagnosis.answer import answered
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import NOTHING, decided
@@ -26,7 +27,7 @@ from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 SAME_COLOUR = 0.05  # of a coefficient
-NAMED_NATS = 30.0  # that a name has where it is claimed, at the least: what the smallest size is reported for
+NAMED_EVIDENCE = 30.0  # log evidence that a claimed name has, at the least: the smallest size is for that
 STARTS = 4  # sets that the next round begins with
 ALL_ROWS = 20_000  # of the last fit
 SPEEDS = ("upper_rpm", "lower_rpm")
@@ -55,7 +56,7 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
     first = [white(ch.count), coloured(ch, empty).colour]
     starts: list[Hypothesis] = []
     for colour in first[:1] if _same(*first) else first:
-        visited = Search(Scorer(ch, colour), lambda said: progress(f"weighing {said}")).run()
+        visited = Search(Scorer(ch, colour), lambda reported: progress(f"weighing {reported}")).run()
         starts += visited.ranked()[:STARTS]
     for number in range(COLOUR_ROUNDS):
         # noise is what the set leaves that has most evidence under the colour of what itself leaves: what
@@ -66,11 +67,11 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
             break
         ch, colour = better, best.colour
         scorer = Scorer(ch, colour)
-        search = Search(scorer, lambda said: progress(f"weighing {said}"))
+        search = Search(scorer, lambda reported: progress(f"weighing {reported}"))
         visited = search.run(starts)
         empty, starts = scorer.empty, visited.ranked()[:STARTS]
     found = posterior(ch, scorer.colour, visited.ranked())
-    return Diagnosis(found, scorer.colour, ch, would_show(search, NAMED_NATS))
+    return Diagnosis(found, scorer.colour, ch, would_show(search, NAMED_EVIDENCE))
 
 
 def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Channels:
@@ -135,11 +136,11 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
     every = stand_channels(samples, model, trusted, most=ALL_ROWS)
     if found:
         every = every.with_map(found.channels.map)
-    said = decided(found.channels, found.posterior) if found else NOTHING
-    out = answered(every, found.posterior if found else None, said, suspects, notes, several)
+    reported = decided(found.channels, found.posterior) if found else NOTHING
+    out = answered(every, found.posterior if found else None, reported, suspects, notes, several)
     if found is None:
         return out
-    named = {*said.claimed} | said.grouped
+    named = {*reported.claimed} | reported.grouped
     shown = {n: s for n, s in found.would_show.items() if n not in named}
     least = [WouldShow(n, s.share, s.channel, s.alike) for n, s in shown.items()]
     out = replace(out, would_show=tuple(sorted(least, key=lambda w: w.share)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.channels.flight_floor import floor_behind
-from coaxlink.residual.diagnosis.answer import Pieces, concluded, doubt_of, pieces_of, told, unnamed
+from coaxlink.residual.diagnosis.answer import Pieces, concluded, doubt_of, pieces_of, unexplained_of, unnamed
 from coaxlink.residual.diagnosis.decide import (
     FEIGNED,
     FLIGHTS,
@@ -58,37 +58,41 @@ def judge_flight(inputs: Inputs, bare: FlightFrame, progress: Progress) -> Refin
     suspects = (*inputs.suspects, *wrong)
     progress("fitting candidates")
     ch = flight_channels(bare)
-    found, said, lead, left = None, NOTHING, None, None
+    found, reported, lead, left = None, NOTHING, None, None
     if not (inputs.blind or wrong):
         found = searched(ch, progress)
         progress("weighing the residual")
-        said, lead, left = decided_in_flight(found)
+        reported, lead, left = decided_in_flight(found)
     progress("weighing every rotor")
-    members, where, doubts = _placed(found, said, lead)
+    members, where, doubts = _placed(found, reported, lead)
     progress("judging")
     fitted = fitted_about(ch, members, lead)
-    if _lifts_as_declared(fitted, said):
-        said = replace(said, claimed={n: p for n, p in said.claimed.items() if n != MASS})
+    if _lifts_as_declared(fitted, reported):
+        reported = replace(reported, claimed={n: p for n, p in reported.claimed.items() if n != MASS})
         fitted = fitted_about(ch, [m for m in members if m.name != MASS], lead)
     members, acting = list(fitted.members), fitted.acting
     lags = [m.shape["lag_s"] for m in members if m.name == "rotor_lag"]
     floor = floor_behind(acting, fitted.corrections, *lags)
     explained = dict(zip(ch.names, fitted.after.errors < MUCH_LEFT * floor, strict=True))
     posterior = found.posterior if found else None
-    level = _level_not_mass(fitted, acting, said)
+    level = _level_not_mass(fitted, acting, reported)
     if level is not None:
-        said = replace(said, claimed={n: p for n, p in said.claimed.items() if n not in level.names})
-    between = [doubt_of(ch, posterior, g, flight_experiment, NO_FLIGHT) for g in said.groups if posterior]
+        reported = replace(
+            reported, claimed={n: p for n, p in reported.claimed.items() if n not in level.names}
+        )
+    between = [doubt_of(ch, posterior, g, flight_experiment, NO_FLIGHT) for g in reported.groups if posterior]
     out = concluded(
         fitted,
         posterior,
-        replace(said, claimed={n: p for n, p in said.claimed.items() if n in {m.name for m in members}}),
+        replace(
+            reported, claimed={n: p for n, p in reported.claimed.items() if n in {m.name for m in members}}
+        ),
         floor,
         (suspects, [*ch.notes, *_lacking(ch.frame, explained)]),
-        [*doubts, *([level] if level else _of_lift(fitted, acting, said, explained)), *between]
+        [*doubts, *([level] if level else _of_lift(fitted, acting, reported, explained)), *between]
         if found
         else [],
-        _open_ends(found, lead, left, said) if found and lead and left else [],
+        _open_ends(found, lead, left, reported) if found and lead and left else [],
         inputs.logs,
     )
     out = _sure_of_place(out, where)
@@ -100,29 +104,29 @@ def judge_flight(inputs: Inputs, bare: FlightFrame, progress: Progress) -> Refin
     return out
 
 
-def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> list[Unexplained]:
-    """Where more is there than is said: what alone would have that said, or the likeliest."""
-    if not said.is_open:
+def _open_ends(found: Flown, lead: Hypothesis, left: Left, reported: Decision) -> list[Unexplained]:
+    """Where more is there than is reported: what alone would have that reported, or the likeliest."""
+    if not reported.is_open:
         return []
     ch, parts = found.channels, list[tuple[float, Pieces]]()
     for form in left.forms:
-        parts.append((alone("form", max(form.nats, 0.0)), pieces_of(left.channels, form.shown)))
+        parts.append((alone("form", max(form.log_evidence, 0.0)), pieces_of(left.channels, form.shown)))
     for line in left.lines:
         words = f"it comes and goes with a period of {line.period_s:.2g} s, by nothing recorded"
-        parts.append((alone("line", line.nats), {line.channel: [(line.rms, TIME, words)]}))
-    for s in left.strains(best_of(found.posterior, {*said.claimed} | said.grouped)):
+        parts.append((alone("line", line.log_evidence), {line.channel: [(line.rms, TIME, words)]}))
+    for s in left.strains(best_of(found.posterior, {*reported.claimed} | reported.grouped)):
         words = (
             f"as if rotor {s.motor.removeprefix('motor')} made {100 * abs(s.share):.2g} % "
             f"{'more' if s.share > 0.0 else 'less'} {s.load} throughout, and the others the rest: "
             f"propellers of one mould differ by {100 * s.believed:.2g} %"
         )
-        parts.append((alone("strain", s.nats), {s.channel: [(s.rms, s.motor, words)]}))
-    for m in [m for m in lead.members if m.name in said.withheld]:
-        u = unnamed(ch, found.posterior, lead, m, said.withheld[m.name])
-        nats = flown_numbers(ch, found.posterior, lead, m)["tempered"]
+        parts.append((alone("strain", s.log_evidence), {s.channel: [(s.rms, s.motor, words)]}))
+    for m in [m for m in lead.members if m.name in reported.withheld]:
+        u = unnamed(ch, found.posterior, lead, m, reported.withheld[m.name])
+        log_evidence = flown_numbers(ch, found.posterior, lead, m)["tempered"]
         parts.append(
             (
-                alone("lag" if m.name == FEIGNED else "name", nats),
+                alone("lag" if m.name == FEIGNED else "name", log_evidence),
                 {u.channel: [(u.rmse, u.depends_on[0], u.where)]},
             )
         )
@@ -131,7 +135,7 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, said: Decision) -> li
     for k, (p, mine) in enumerate(parts):
         for channel in mine if p >= level or k == 0 else ():
             pieces.setdefault(channel, []).extend(mine[channel])
-    return told(ch, pieces)
+    return unexplained_of(ch, pieces)
 
 
 def _lacking(frame: FlightFrame, explained: Mapping[str, bool]) -> list[str]:
@@ -143,35 +147,35 @@ def _lacking(frame: FlightFrame, explained: Mapping[str, bool]) -> list[str]:
     return notes
 
 
-def _level_not_mass(fitted: Fitted, acting: FlightFrame, said: Decision) -> Ambiguous | None:
+def _level_not_mass(fitted: Fitted, acting: FlightFrame, reported: Decision) -> Ambiguous | None:
     """Where a mass is claimed that was there from the start, and the torques tell of a level of thrust."""
-    ch, mass_kg = fitted.channels, _mass_from_the_start(fitted, said)
+    ch, mass_kg = fitted.channels, _mass_from_the_start(fitted, reported)
     if mass_kg is None:
         return None
     return level_not_mass(ch.frame, scales(acting, fitted.corrections, ch.block, ch.reduce), mass_kg)
 
 
-def _lifts_as_declared(fitted: Fitted, said: Decision) -> bool:
+def _lifts_as_declared(fitted: Fitted, reported: Decision) -> bool:
     """Where a mass is claimed that was there from the start, and the vehicle lifts what it should, as far as
     its rotor model says: the mass only makes up for corrections of the thrust that say the contrary.
     """
-    mass_kg, acting = _mass_from_the_start(fitted, said), fitted.acting
+    mass_kg, acting = _mass_from_the_start(fitted, reported), fitted.acting
     return mass_kg is not None and abs(lift_beside(acting, mass_kg)) < own_doubt(acting)
 
 
-def _mass_from_the_start(fitted: Fitted, said: Decision) -> float | None:
-    mass = next((m for m in fitted.members if m.name in said.claimed and m.name == MASS), None)
+def _mass_from_the_start(fitted: Fitted, reported: Decision) -> float | None:
+    mass = next((m for m in fitted.members if m.name in reported.claimed and m.name == MASS), None)
     if mass is None or "onset_s" in mass.shape:
         return None
     return mass.parameters(fitted.channels.bare)["mass_kg"]
 
 
 def _of_lift(
-    fitted: Fitted, acting: FlightFrame, said: Decision, explained: Mapping[str, bool]
+    fitted: Fitted, acting: FlightFrame, reported: Decision, explained: Mapping[str, bool]
 ) -> Sequence[Ambiguous]:
     """Where the lift is off by what a stand may be: whether it is a mass."""
     ch = fitted.channels
-    names = {*said.claimed} | said.grouped | {effect.name for effect, _ in ch.known}
+    names = {*reported.claimed} | reported.grouped | {effect.name for effect, _ in ch.known}
     if names & {MASS, "battery_voltage"} or not explained["force_z"]:
         return ()
     turning = explained["torque_x"] and explained["torque_y"]
@@ -179,12 +183,12 @@ def _of_lift(
 
 
 def _placed(
-    found: Flown | None, said: Decision, lead: Hypothesis | None
+    found: Flown | None, reported: Decision, lead: Hypothesis | None
 ) -> tuple[list[Member], tuple[Place, ...], tuple[Ambiguous, ...]]:
-    """The members that are said, what is at one rotor at the likeliest one, and its places; or withheld."""
-    leading = {*said.claimed, *(g.names[0] for g in said.groups)}
+    """The reported members, what is at one rotor at the likeliest one, and its places; or withheld."""
+    leading = {*reported.claimed, *(g.names[0] for g in reported.groups)}
     members = [m for m in lead.members if m.name in leading] if lead else []
-    mine = next((m for m in members if ROTOR in m.shape and m.name in said.claimed), None)
+    mine = next((m for m in members if ROTOR in m.shape and m.name in reported.claimed), None)
     if mine is None or found is None or mine.name in {effect.name for effect, _ in found.channels.known}:
         return members, (), ()
     try:
@@ -193,17 +197,17 @@ def _placed(
         return members, (), ()
     if between := undecided(where):
         names = tuple(f"{mine.name}{AT}{p.rotor}" for p in between)
-        chances = tuple(round(said.claimed[mine.name] * p.probability, 4) for p in between)
+        chances = tuple(round(reported.claimed[mine.name] * p.probability, 4) for p in between)
         return [m for m in members if m is not mine], (), (Ambiguous(names, LOOK, probability=chances),)
     if where[0].rotor != int(mine.shape[ROTOR]):
         members = [where[0].member if m is mine else m for m in members]
     return members, tuple(where), ()
 
 
-def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:
+def _sure_of_place(reported: Refinement, found: Sequence[Place]) -> Refinement:
     """The answer with how probable each rotor is beside the effect that is at one."""
     if not found:
-        return said
+        return reported
     shares = {str(p.rotor): round(p.probability, 4) for p in found if p.probability > NO_PLACE}
     name, sure = found[0].member.name, found[0].probability
     effects = tuple(
@@ -217,6 +221,6 @@ def _sure_of_place(said: Refinement, found: Sequence[Place]) -> Refinement:
         )
         if e.name == name
         else e
-        for e in said.effects
+        for e in reported.effects
     )
-    return replace(said, effects=effects)
+    return replace(reported, effects=effects)

@@ -92,7 +92,7 @@ def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
 
 
 def doubt(frame: FlightFrame, s: Scales, explained: bool) -> list[Ambiguous]:
-    """What is said where the lift is off and the torques, if `explained`, do not side with a mass."""
+    """What is reported where the lift is off and the torques, if `explained`, do not side with a mass."""
     if s.verdict == "none" or (s.verdict == "mass" and explained):
         return []
     low, high = 100.0 * (s.torque - SURE * s.sigma), 100.0 * (s.torque + SURE * s.sigma)

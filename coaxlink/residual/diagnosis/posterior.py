@@ -50,7 +50,7 @@ class Posterior:
         """Of a set among the visited ones."""
         return next(k for k, other in enumerate(self.sets) if other is h)
 
-    def nats_behind(self, h: Hypothesis) -> float:
+    def evidence_behind(self, h: Hypothesis) -> float:
         """Tempered, odds and all."""
         return float(self.behind[self.index(h)] - h.log_prior)
 

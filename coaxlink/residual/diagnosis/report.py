@@ -43,7 +43,7 @@ WORTH_SAYING = 0.02  # of a channel's error: by how much more it errs with the e
 
 @dataclass(frozen=True)
 class Fitted:
-    """A log's rows beside nothing, and about the numbers of the members that are said."""
+    """A log's rows beside nothing, and about the numbers of the members that are reported."""
 
     channels: Channels
     members: tuple[Member, ...]

@@ -29,7 +29,7 @@ class Shown:
     alike: tuple[str, ...]  # effects that this log would not tell it from, the likest first
 
 
-def would_show(search: Search, nats: float, *, limited: bool = False) -> dict[str, Shown]:
+def would_show(search: Search, log_evidence: float, *, limited: bool = False) -> dict[str, Shown]:
     """Of every effect, how large it had to be to gain so many nats beside the best set, and where.
 
     Of an effect's plain shapes the middle one is told. It passes for another effect that leaves it no more
@@ -40,24 +40,24 @@ def would_show(search: Search, nats: float, *, limited: bool = False) -> dict[st
     sizes: dict[str, list[tuple[float, float, int, Candidate]]] = {}
     for c, (_, _, columns) in zip(search.candidates, ch.grid, strict=True):
         information, _ = search.beside(best, c)
-        size = float(np.sqrt(2.0 * nats * _spread(information)))
+        size = float(np.sqrt(2.0 * log_evidence * _spread(information)))
         if limited:
             mine = c.white[..., 0] / best.fit.noise**2
             along = np.einsum("rcp,rc->p", search.scorer.white, mine) / np.sum(mine * c.white[..., 0])
             taken = float(np.abs(along) @ (2.0 * search.scorer.deviation))
-            size = min(size, taken + float(np.sqrt(2.0 * nats * _spread(search.alone(best, c)))))
+            size = min(size, taken + float(np.sqrt(2.0 * log_evidence * _spread(search.alone(best, c)))))
         share = np.quantile(np.abs(columns[..., 0]), 0.95, axis=0) / ch.reference
         k = int(np.argmax(share))
         sizes.setdefault(c.effect.name, []).append((float(share[k]) * size, size, k, c))
     middle = {n: sorted(mine, key=lambda s: s[0])[len(mine) // 2] for n, mine in sizes.items()}
-    alike = {} if limited else _alike(search, [c for *_, c in middle.values()], nats)
+    alike = {} if limited else _alike(search, [c for *_, c in middle.values()], log_evidence)
     return {
         name: Shown(share, ch.names[k], _of_size(search, c, size), alike.get(name, ()))
         for name, (share, size, k, c) in middle.items()
     }
 
 
-def _alike(search: Search, several: Sequence[Candidate], nats: float) -> dict[str, tuple[str, ...]]:
+def _alike(search: Search, several: Sequence[Candidate], log_evidence: float) -> dict[str, tuple[str, ...]]:
     """Of each, the effects that in one of their shapes take all but a rival's odds of its nats."""
     every = search.candidates
     white = np.concatenate([c.white for c in every], axis=-1)
@@ -73,8 +73,8 @@ def _alike(search: Search, several: Sequence[Candidate], nats: float) -> dict[st
         left: dict[str, float] = {}
         for other in (o for o in every if o.effect.name != c.effect.name):
             both = np.concatenate([mine, at[id(other)]])
-            told = nats * alone / _spread(information[np.ix_(both, both)])
-            left[other.effect.name] = min(told, left.get(other.effect.name, np.inf))
+            determined = log_evidence * alone / _spread(information[np.ix_(both, both)])
+            left[other.effect.name] = min(determined, left.get(other.effect.name, np.inf))
         likest = sorted(left, key=lambda name: left[name])
         out[c.effect.name] = tuple(name for name in likest if left[name] < -np.log(RIVAL))
     return out

@@ -47,7 +47,7 @@ class Piece:
     shape: str = "ramp"
 
     @property
-    def said(self) -> str:
+    def reported(self) -> str:
         """In words."""
         at = "" if self.supply_V is None else f" at {self.supply_V:.1f} V"
         apart = "" if self.spacing_m is None else f" at {self.spacing_m:.3g} m spacing"
@@ -86,7 +86,7 @@ class Experiment:
     def text(self) -> str:
         """In words, one line."""
         kind = "flight" if self.kind == "flight" else "run"
-        counted = Counter(p.said if isinstance(p, Piece) else p.what for p in self.pieces)
+        counted = Counter(p.reported if isinstance(p, Piece) else p.what for p in self.pieces)
         steps = [f"{n} x {what}" if n > 1 and kind == "flight" else what for what, n in counted.items()]
         return (
             f"a {kind} of {self.seconds:.0f} s: {'; '.join(steps)}: the rivals are then {self.distance:.0f} "

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from coaxlink.data.resolution import resolution_of
 from coaxlink.frames import Array
 from coaxlink.residual.faults.mixer_demands import FEWEST, FIT_ROWS, LEAST_ROWS, independent_share
+from coaxlink.residual.faults.reference import SURE
 from coaxlink.residual.faults.states import Mask
-from coaxlink.residual.faults.yardstick import SURE
 
 # priors: name = value  # unit, source
 SHIFTS_S = np.linspace(-0.3, 0.3, 61)  # that are tried
@@ -71,9 +71,9 @@ class Columns:
             usual = float(np.mean(rest**2)) + FEWEST**2
             at = int(np.argmin(left))
             now, share = float(left[at]) + FEWEST**2, independent_share(by_way[:, at])
-            nats = 0.5 * len(rest) * share * float(np.log(usual / now)) - np.log(len(left))
+            log_evidence = 0.5 * len(rest) * share * float(np.log(usual / now)) - np.log(len(left))
             # what one column is off by, fits to the others have in part
-            if nats > SURE and now < HALF * usual and usual - now > most:
+            if log_evidence > SURE and now < HALF * usual and usual - now > most:
                 best, most = (name, at), usual - now
         return best
 

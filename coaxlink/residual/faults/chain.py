@@ -19,13 +19,24 @@ from scipy.spatial import cKDTree
 
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF, dictionary_of
+from coaxlink.residual.faults.reference import (
+    BEGINS,
+    LOADED,
+    PHYSICS,
+    SURE,
+    TOLERANCE,
+    Reference,
+    curves_of,
+    log_evidence_of,
+    reference_of,
+)
 from coaxlink.residual.faults.states import (
     AGREED,
     RATIOS,
     RPM,
     WHOLE,
+    Faulty,
     Mask,
-    Said,
     State,
     earlier,
     exchanges,
@@ -33,17 +44,6 @@ from coaxlink.residual.faults.states import (
     readings_of,
     runs_of,
     scale_words,
-)
-from coaxlink.residual.faults.yardstick import (
-    BEGINS,
-    LOADED,
-    PHYSICS,
-    SURE,
-    TOLERANCE,
-    Yardstick,
-    curves_of,
-    nats_of,
-    yardstick_of,
 )
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
@@ -63,7 +63,7 @@ PARTS = (((0.0, 1.0),), ((0.0, 0.5),), ((0.5, 1.0),), ((0.25, 0.75),), ((0.0, 0.
 
 # damaged readings, whose powers are beyond numbers, tell nothing
 @np.errstate(over="ignore", invalid="ignore")
-def lies(frame: StandFrame, usable: Mask) -> list[Said]:
+def lies(frame: StandFrame, usable: Mask) -> list[Faulty]:
     """Where columns are not what they say, in rows that nothing else is wrong with."""
     if usable.sum() < 8 or not [c for c in frame.present if c < 4]:
         return []
@@ -79,8 +79,10 @@ def lies(frame: StandFrame, usable: Mask) -> list[Said]:
         every = [(s, usable & ~part) for s in states if s.exchanged != "speeds" for part in parts[1:]]
         every = sorted(every, key=lambda r: _screened(frame, usable, r))[:BEGINNINGS]
     # of all rows a fit tells nothing of what is free in it: a rotor's thrust and its torque
-    told = [s for s in states if frame.free_nuisance and (s.exchanged or s.channels in ((0, 2), (1, 3)))]
-    every += [(s, usable) for s in told or [s for s in states if s.exchanged == "throttles"]]
+    determined = [
+        s for s in states if frame.free_nuisance and (s.exchanged or s.channels in ((0, 2), (1, 3)))
+    ]
+    every += [(s, usable) for s in determined or [s for s in states if s.exchanged == "throttles"]]
     every += [(s, usable) for s in _late_cells(frame, usable)]
     for begun in every:
         best = best.or_(_path(frame, usable, usable, [begun]))
@@ -88,7 +90,7 @@ def lies(frame: StandFrame, usable: Mask) -> list[Said]:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def slips(frame: StandFrame, usable: Mask) -> list[Said]:
+def slips(frame: StandFrame, usable: Mask) -> list[Faulty]:
     """Where a tachometer or a cell reads by some per cent something else than the others of the log say."""
     sides = [c - 4 for c in frame.present if c > 3 and {2 * c - 8, 2 * c - 7} & set(frame.present)]
     sides = [] if frame.driven else sides
@@ -123,10 +125,10 @@ def _begun(frame: StandFrame, usable: Mask, sides: Sequence[int]) -> Iterator[tu
 
 @dataclass(frozen=True)
 class _Path:
-    """The most probable states of the rows under one yardstick."""
+    """The most probable states of the rows under one reference."""
 
     total: float  # nats
-    found: list[Said]
+    found: list[Faulty]
     agree: bool  # all rows, as they are labelled
 
     def or_(self, other: _Path) -> _Path:
@@ -138,25 +140,25 @@ def _screened(frame: StandFrame, usable: Mask, read: tuple[State, Mask], fine: b
     """Nats against a thinned log of which some rows are read in another way, by one fit to all of it."""
     few = np.zeros(len(usable), bool)
     few[np.flatnonzero(usable)[:: max(1, int(usable.sum()) // SCREENED_ROWS)]] = True
-    stick = yardstick_of(frame, few, [read], fine)
+    stick = reference_of(frame, few, [read], fine)
     log = read[0].undo(readings_of(frame), read[1])
     scale = float(np.sum(np.log(stick.tolerance[list(frame.present)])))
     # of a reading on another scale
     scale += float(np.log(read[0].ratio or 1.0) * np.mean(read[1][few]))
-    return float(np.sum(nats_of(stick.misses(log, stick.due(log)))[few])) + few.sum() * scale
+    return float(np.sum(log_evidence_of(stick.misses(log, stick.due(log)))[few])) + few.sum() * scale
 
 
 def _path(
     frame: StandFrame, usable: Mask, trusted: Mask, read: list[tuple[State, Mask]], fine: bool = False
 ) -> _Path:
-    """The states that a yardstick of these rows tells, and the yardstick of those, until they stay."""
+    """The states that a reference of these rows tells, and the reference of those, until they stay."""
     failed = _Path(np.inf, [], False)
     begun = bool(read)
     for _ in range(FAULT_ROUNDS):
         if trusted.sum() < 24 and frame.free_nuisance:
             return failed
-        stick = yardstick_of(frame, trusted, read, fine)
-        found, nats = _states(stick, usable, fine)
+        stick = reference_of(frame, trusted, read, fine)
+        found, log_evidence = _states(stick, usable, fine)
         gone = np.logical_or.reduce([np.zeros(len(usable), bool), *(s.rows for s in found)])
         again = [(s.state, s.rows) for s in found if s.state.kept or fine] if begun else []
         now = usable & ~gone
@@ -169,16 +171,17 @@ def _path(
         ):  # fmt: skip
             break
         trusted, read = now, again
-    told = not fine and (begun or not frame.free_nuisance)  # where what is right is known, or all of it tried
-    if not told and any(s.rows.sum() > MOST_OF_ROWS * usable.sum() for s in found):
+    # where what is right is known, or all of it tried
+    determined = not fine and (begun or not frame.free_nuisance)
+    if not determined and any(s.rows.sum() > MOST_OF_ROWS * usable.sum() for s in found):
         return failed
     scale = float(np.sum(np.log(stick.tolerance[list(frame.present)])))
     log = readings_of(frame)
     off = np.abs(stick.misses(log, stick.due(log)))[usable]
-    return _Path(nats + usable.sum() * scale, found, not found and float(np.mean(off > 3.0)) < 0.01)
+    return _Path(log_evidence + usable.sum() * scale, found, not found and float(np.mean(off > 3.0)) < 0.01)
 
 
-def _slips(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[State]:
+def _slips(stick: Reference, usable: Mask, due: Array, possible: Mask) -> list[State]:
     """Tachometers and cells that read by what the off ones of these rows read."""
     out = []
     for c in [c for c in stick.frame.present if c < 4 and c ^ 1 in stick.frame.present]:
@@ -202,7 +205,7 @@ def _slips(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[S
     return out
 
 
-def _possible(stick: Yardstick, usable: Mask, due: Array, possible: Mask) -> list[State]:
+def _possible(stick: Reference, usable: Mask, due: Array, possible: Mask) -> list[State]:
     """The states that these readings ask for."""
     frame = stick.frame
     out = exchanges(frame)
@@ -248,7 +251,7 @@ def _most_late(frame: StandFrame, usable: Mask, c: int) -> int:
     return min(int(LATEST_S / step), int(usable.sum()) // 4) if known else 0
 
 
-def _rows_late(stick: Yardstick, usable: Mask, due: Array, c: int) -> int:
+def _rows_late(stick: Reference, usable: Mask, due: Array, c: int) -> int:
     """By how many rows a load is behind what its speeds give; none where the rotor's other load, which a lag
     of the rotor or of its wake would move too, is not nearer as it is.
     """
@@ -276,7 +279,7 @@ def _late_cells(frame: StandFrame, usable: Mask) -> Iterator[State]:
             yield _late(frame, c, late)
 
 
-def _states(stick: Yardstick, usable: Mask, fine: bool) -> tuple[list[Said], float]:
+def _states(stick: Reference, usable: Mask, fine: bool) -> tuple[list[Faulty], float]:
     """What holds in which rows, and nats against all of them."""
     log, rows = readings_of(stick.frame), np.flatnonzero(usable)
     due = stick.due(log)
@@ -294,18 +297,18 @@ def _states(stick: Yardstick, usable: Mask, fine: bool) -> tuple[list[Said], flo
             likely.append(k)
     states, won = [states[k] for k in likely], won[:, likely]
 
-    def borne_out(k: int, mine: Mask) -> Said | None:
+    def borne_out(k: int, mine: Mask) -> Faulty | None:
         at = np.zeros(len(usable), bool)
         at[rows[mine]] = True
         return _borne_out(stick, states[k], at, usable, won[mine, k], due)
 
     found = settled(won, borne_out)
     explained = sum(float(won[mine, k].sum()) for k, mine, _ in found)
-    return [said for *_, said in found], against - explained
+    return [reported for *_, reported in found], against - explained
 
 
 def settled(won: Array, borne_out: Callable[[int, Mask], Any]) -> list[tuple[int, Mask, Any]]:
-    """States that hold in some rows, these (rows,), and what is said of it: those that are borne out.
+    """States that hold in some rows, these (rows,), and what is reported of it: those that are borne out.
 
     won (rows, K): nats by which each beats the sound one. Without one that is not, the path is another.
     """
@@ -314,7 +317,7 @@ def settled(won: Array, borne_out: Callable[[int, Mask], Any]) -> list[tuple[int
         path = viterbi(won[:, keep])
         held = [(k, path == i) for i, k in enumerate(keep) if np.any(path == i)]
         found = [(k, mine, borne_out(k, mine)) for k, mine in held]
-        bad = {k for k, _, said in found if said is None}
+        bad = {k for k, _, reported in found if reported is None}
         if not bad:
             return found
         keep = [k for k in keep if k not in bad]
@@ -350,8 +353,8 @@ def viterbi(won: Array) -> NDArray[np.intp]:
 
 
 def _borne_out(
-    stick: Yardstick, state: State, rows: Mask, usable: Mask, won: Array, due: Array
-) -> Said | None:
+    stick: Reference, state: State, rows: Mask, usable: Mask, won: Array, due: Array
+) -> Faulty | None:
     """The rows of a state, all where nearly all are; none without enough speeds and loads that show it."""
     frame = stick.frame
     if float(won.sum()) - len(runs_of(rows)) * BEGINS < SURE:
@@ -370,10 +373,10 @@ def _borne_out(
         reads[rows] = state.ratio or 1.0
         if not state.ratio:
             reads[rows] = frame.speeds[rows, state.side] / due[rows, 4 + state.side]
-    return Said(state, usable.copy() if whole else rows, times, reads)
+    return Faulty(state, usable.copy() if whole else rows, times, reads)
 
 
-def _closer(stick: Yardstick, state: State, rows: Mask, due: Array) -> float:
+def _closer(stick: Reference, state: State, rows: Mask, due: Array) -> float:
     """How many times closer these rows are with it; nothing where a channel is not, or is not near then."""
     log, concerned = readings_of(stick.frame), [c for c in state.concerns if c in stick.frame.present]
     if not rows.any() or not concerned:
@@ -388,7 +391,7 @@ def _closer(stick: Yardstick, state: State, rows: Mask, due: Array) -> float:
     return times if times > CLOSER and np.all(few < np.minimum(many / 2.0, NEAR)) else 0.0
 
 
-def _touched(stick: Yardstick, state: State, rows: Mask, usable: Mask, due: Array) -> bool:
+def _touched(stick: Reference, state: State, rows: Mask, usable: Mask, due: Array) -> bool:
     """Whether a cell's gain changed for a while, by rows at like speeds before and after it.
 
     No effect of a rotor scales one load and not its other one, between two rows of a log and back again.

@@ -11,8 +11,8 @@ from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
 from coaxlink.residual.faults.apart import MOMENTS, Columns, left, rounded
 from coaxlink.residual.faults.mixer_demands import DEMANDS, FEWEST, LEAST_ROWS, design_of, independent_share
+from coaxlink.residual.faults.reference import SURE
 from coaxlink.residual.faults.states import Finding, Mask
-from coaxlink.residual.faults.yardstick import SURE
 
 # priors: name = value  # unit, source
 LATE_S = 0.015  # three periods of an autopilot's outputs (200 Hz): its clocks and queues are apart by less

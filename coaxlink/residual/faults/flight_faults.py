@@ -41,14 +41,14 @@ from coaxlink.residual.faults.kinematics import (
     noise_of,
     step_of,
 )
+from coaxlink.residual.faults.reference import BEGINS, SURE, log_evidence_of
 from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine, limits_of
+from coaxlink.residual.faults.silent_speeds import STUCK_S
 from coaxlink.residual.faults.states import WHOLE, Finding, Mask, runs_of
-from coaxlink.residual.faults.yardstick import BEGINS, SURE, nats_of
 from coaxlink.residual.result import Suspect
 from coaxlink.signals import low_pass
 
 # priors: name = value  # unit, source
-STUCK_S = 0.5  # less is a packet that was lost
 WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
 LINEAR, STEP = 0.5, 1e-3  # of a command's variance: judgement; 1 us of PWM's 1000
 MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
@@ -58,11 +58,11 @@ FAILS, PIECES = 3.0, 8  # and parts of the flight, each of which has to bear it 
 # what moves the vehicle before its command (judgement: twice what clocks of one autopilot are apart); shifts
 # that are tried, band of the torques that tell, and how like the two must be where one is shifted
 LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
-# nats a window, judgement: what the yardstick itself misses adds up in a long flight (sound ones of ten sets
+# nats a window, judgement: what the reference itself misses adds up in a long flight (sound ones of ten sets
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
-TOLD_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
-TOLD_BY |= dict.fromkeys(("roll", "pitch", "yaw"), "gyros")
+KNOWN_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
+KNOWN_BY |= dict.fromkeys(("roll", "pitch", "yaw"), "gyros")
 EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
 
 
@@ -82,8 +82,8 @@ def column_faults(log: Samples) -> list[Finding]:
         fine = _fine_around(log, name, rows)
         stuck = fine | _proven(kin, name, rows & ~fine)
         if stuck.any():
-            told = "the gyros tell that the vehicle turns" if name in ANGLES else "the vehicle flies"
-            found.append((name, stuck, f"one reading repeats exactly while {told}"))
+            determined = "the gyros tell that the vehicle turns" if name in ANGLES else "the vehicle flies"
+            found.append((name, stuck, f"one reading repeats exactly while {determined}"))
     for name in [name for name in IMU_COLUMNS if _is_fine(log, name)]:
         for limit, _ in limits_of(log[name]):
             why = f"it reads no further than {limit:.3g}, again and again: the sensor is at its limit"
@@ -159,9 +159,9 @@ class _Judged:
         found = list(self._states())
         left = [self.linear.left(misses, noise_of(misses[usable])) for *_, misses in found]
         sigma = np.min([noise_of(x[usable]) for x in (self.sound, *left)], axis=0)
-        against = nats_of(self.sound / sigma)
+        against = log_evidence_of(self.sound / sigma)
         share = independent(self._best_pieced(left, against, sigma)[usable] / sigma)
-        won = np.stack([(against - nats_of(x / sigma)) @ share for x in left], axis=1)
+        won = np.stack([(against - log_evidence_of(x / sigma)) @ share for x in left], axis=1)
         won[~usable] = 0.0
 
         def borne_out(k: int, mine: Mask) -> Mask | None:
@@ -183,9 +183,9 @@ class _Judged:
         what a step leaves is no memory of noise."""
         best, least = self.sound, float(np.sum(against[self.linear.usable]))
         for misses in left:
-            nearer = np.sum(nats_of(misses / sigma) - against, axis=1) < 0.0
+            nearer = np.sum(log_evidence_of(misses / sigma) - against, axis=1) < 0.0
             pieced = np.where(nearer[:, None], misses, self.sound)
-            cost = float(np.sum(nats_of(pieced[self.linear.usable] / sigma)))
+            cost = float(np.sum(log_evidence_of(pieced[self.linear.usable] / sigma)))
             best, least = (pieced, cost) if cost < least else (best, least)
         return best
 
@@ -204,8 +204,8 @@ class _Judged:
                 times = self.linear.scale(name, self.misses, sigma, at) if at.any() else 1.0
                 if SHARE[name][0] <= 1.0 / times <= SHARE[name][1]:
                     continue
-                told, what = TOLD_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
-                why = f"it reads {1.0 / times:.3g} times what the {told} would have: its {what} is wrong"
+                by, what = KNOWN_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
+                why = f"it reads {1.0 / times:.3g} times what the {by} would have: its {what} is wrong"
                 yield name, why, self._scaled(name, times)
 
     def _scaled(self, name: str, times: float) -> Array:
@@ -227,7 +227,7 @@ def _proven(kin: Kinematics, name: str, held: Mask) -> Mask:
     if elsewhere:
         spread = 1.4826 * float(np.median(np.abs(off[usable])))
         sigma = max(spread, FINEST[channel] * COARSE)
-    against = nats_of(off / sigma)
+    against = log_evidence_of(off / sigma)
     usual = float(np.mean(against[usable])) if elsewhere else 1.0
     for a, b in runs_of(held):
         inside = (kin.first >= a) & (kin.first + kin.size < b)

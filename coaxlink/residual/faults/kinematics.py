@@ -16,15 +16,15 @@ from scipy.optimize import lsq_linear
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data.logs.flight import MOTOR
+from coaxlink.data.logs.streams import ANGLES
 from coaxlink.data.samples import Samples
 from coaxlink.frames import GRAVITY_NED, Array
+from coaxlink.residual.faults.reference import HEAVY, SURE
 from coaxlink.residual.faults.states import Mask
-from coaxlink.residual.faults.yardstick import HEAVY, SURE
 
 ACCEL = tuple(f"accel_{a}_m_s2" for a in "xyz")
 GYRO = tuple(f"gyro_{a}_rad_s" for a in "xyz")
 VELOCITY = tuple(f"vel_{a}_m_s" for a in "ned")
-ANGLES = ("roll_rad", "pitch_rad", "yaw_rad")
 HEIGHT = "height_m"
 COLUMNS = (*ACCEL, *GYRO, *VELOCITY, *ANGLES, HEIGHT)
 # priors: name = value  # unit, source
@@ -188,11 +188,14 @@ class Linear:
         round too large: it lies between the two (Frisch bounds; Soderstrom, Automatica 43 (2007), 3.1).
         """
         every, mine = np.full(self.zeros.shape[2], np.inf), {**self.scales, **self.angles}[name]
-        mine, told = (
+        mine, determined = (
             ((x + self.zeros @ _robust(x, self.zeros, sigma, at, -every, every)) / sigma)[at]
             for x in (mine, (mine - misses) * np.any(mine != 0.0, axis=0))
         )
-        both, squares = float(np.sum(mine * told)), (float(np.sum(mine**2)), float(np.sum(told**2)))
+        both, squares = (
+            float(np.sum(mine * determined)),
+            (float(np.sum(mine**2)), float(np.sum(determined**2))),
+        )
         alike = both**2 / max(squares[0] * squares[1], 1e-300)
         # a column that does not go along with the others shows no scale
         if -0.5 * at.sum() * np.log(max(1.0 - alike, 1e-300)) < SURE:

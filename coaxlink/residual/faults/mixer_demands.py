@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.frames import Array
+from coaxlink.residual.faults.reference import SURE, log_evidence_of
 from coaxlink.residual.faults.repeats import repeats_of
 from coaxlink.residual.faults.states import Mask
-from coaxlink.residual.faults.yardstick import SURE, nats_of
 
 # priors: name = value  # unit, source
 DEMANDS = 4  # thrust and three torques
@@ -51,8 +51,8 @@ def away(values: Array, design: Array, usable: Mask, run: NDArray[np.intp], step
         return 0.0
     inside = values[run] - due
     inside = inside[np.isfinite(inside)]
-    usual = float(np.mean(nats_of(rest / sigma)))
-    against = float(np.sum(nats_of(inside / sigma) - usual))
+    usual = float(np.mean(log_evidence_of(rest / sigma)))
+    against = float(np.sum(log_evidence_of(inside / sigma) - usual))
     return against * independent_share(rest, every)
 
 
@@ -72,7 +72,11 @@ def held_in_flight(values: Array, flying: Mask) -> list[Held]:
     over."""
     known = np.flatnonzero(np.isfinite(values) & flying)
     found = repeats_of(values[known]) if len(known) else []
-    return [(int(known[a]), int(known[b - 1]) + 1, nats) for a, b, nats in found if nats > 0.0]
+    return [
+        (int(known[a]), int(known[b - 1]) + 1, log_evidence)
+        for a, b, log_evidence in found
+        if log_evidence > 0.0
+    ]
 
 
 def rows_of(held: list[Held], count: int) -> Mask:

@@ -32,7 +32,7 @@ def held_runs(values: Array, least: float = STUCK_ROWS) -> list[tuple[int, int]]
     >>> held_runs(np.concatenate([np.arange(50.0), np.full(9, 3.25), np.arange(50.0)]))
     [(50, 59)]
     """
-    return [(a, b) for a, b, nats in repeats_of(values, least) if nats > -np.log(BY_CHANCE)]
+    return [(a, b) for a, b, log_evidence in repeats_of(values, least) if log_evidence > -np.log(BY_CHANCE)]
 
 
 def repeats_of(values: Array, least: float = STUCK_ROWS) -> list[tuple[int, int, float]]:

@@ -14,8 +14,8 @@ from scipy.ndimage import median_filter
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF
+from coaxlink.residual.faults.reference import BEARS_LOAD, reference_of
 from coaxlink.residual.faults.states import Finding, Mask, readings_of
-from coaxlink.residual.faults.yardstick import TURNS, yardstick_of
 
 BESIDE = 5  # rows, of which a spike has two at the most
 FAR = 8.0  # standard deviations of what rows differ by from those beside, judgement: no noise's tail
@@ -32,7 +32,7 @@ def spikes(frame: StandFrame, usable: Mask) -> Iterator[Finding]:
     present = [c for c in frame.present if c < 4]
     if usable.sum() < 8 * BESIDE or not present:
         return
-    stick, log = yardstick_of(frame, usable), readings_of(frame)
+    stick, log = reference_of(frame, usable), readings_of(frame)
     moved = np.abs(np.diff(log.speeds, axis=0, prepend=log.speeds[:1])).max(axis=1) > STEADY
     steady = usable & ~moved & ~np.append(moved[1:], False)
     jumps = {c: _jumps((log.loads - stick.due(log)[:, :4])[:, c] / stick.reference[c]) for c in present}
@@ -41,7 +41,7 @@ def spikes(frame: StandFrame, usable: Mask) -> Iterator[Finding]:
         far = np.abs(jump) > max(LARGE, FAR * noise)
         if c ^ 1 in jumps:
             far &= np.abs(jumps[c ^ 1]) < ALIKE * np.abs(jump)
-        far &= steady & (log.speeds[:, c // 2] > TURNS)
+        far &= steady & (log.speeds[:, c // 2] > BEARS_LOAD)
         if far.sum() >= OFTEN and np.mean(far) < MOST_SPIKES:
             why = "single readings that neither the rows beside nor the rotor's other load show: spikes"
             yield COLUMN_OF[STAND_CHANNELS[c]], far, why

@@ -23,7 +23,7 @@ from coaxlink.residual.faults.stand_repeats import (
     stuck_context,
     stuck_tachometers,
 )
-from coaxlink.residual.faults.states import Mask, Said, runs_of
+from coaxlink.residual.faults.states import Faulty, Mask, runs_of
 from coaxlink.residual.result import Suspect
 
 LEAST_LEFT = 8  # rows
@@ -61,7 +61,7 @@ class _Finding:
         self.suspects.append(Suspect(column, "all", why))
         self.columns += leave_out
 
-    def said(self, found: Said) -> None:
+    def reported(self, found: Faulty) -> None:
         """Flag what a state of the chain is about."""
         state = found.state
         if not found.of_all_rows:
@@ -89,13 +89,13 @@ def find_suspects(frame: StandFrame) -> FlaggedColumns:
     for column, rows, why in (*copied_columns(frame, ~found.bad), *spikes(frame, ~found.bad)):
         found.rows(column, rows, why)
     if not found.silent:
-        for said in lies(frame, ~found.bad):
-            found.said(said)
+        for reported in lies(frame, ~found.bad):
+            found.reported(reported)
         for columns, why in _odd_arms(frame, ~found.bad) if frame.free_nuisance else ():
             found.throughout(", ".join(columns), why, *columns)
     if not found.silent:
-        for said in slips(frame, ~found.bad):
-            found.said(said)
+        for reported in slips(frame, ~found.bad):
+            found.reported(reported)
         # where half of a log and more stands still, the column is of no use; else these rows are of none
         for name, rows, why in stuck_context(frame):
             if np.mean(rows) < MOST_FROZEN:

@@ -124,7 +124,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Said:
+class Faulty:
     """Rows in which a state holds."""
 
     state: State

@@ -54,10 +54,10 @@ def rms(values):
 def test_an_attitude_that_wanders_follows_the_gyro():
     random = np.random.default_rng(1)
     _, angles, rates, *_ = path()
-    told = angles + wander(random, len(angles), 2e-3, 0.3)
+    determined = angles + wander(random, len(angles), 2e-3, 0.3)
     gyro = rates + 1e-3 * random.standard_normal(rates.shape) + 3e-4
-    better = smoothed_attitude(told, gyro, RATE)
-    assert rms(better - angles) < 0.5 * rms(told - angles)
+    better = smoothed_attitude(determined, gyro, RATE)
+    assert rms(better - angles) < 0.5 * rms(determined - angles)
 
 
 def test_a_reversed_gyro_smooths_nothing():
@@ -70,10 +70,10 @@ def test_a_reversed_gyro_smooths_nothing():
 def test_a_velocity_follows_the_accelerometer_whatever_its_bias(bias):
     random = np.random.default_rng(2)
     _, _, _, turn, velocity, force, _ = path()
-    told = velocity + wander(random, len(velocity), 0.02, 0.4)
+    determined = velocity + wander(random, len(velocity), 0.02, 0.4)
     felt = force + 0.05 * random.standard_normal(force.shape) + np.array([bias, -bias, 0.0])
-    better = smoothed_velocity(told, felt, turn, RATE)
-    assert rms(better - velocity) < 0.6 * rms(told - velocity)
+    better = smoothed_velocity(determined, felt, turn, RATE)
+    assert rms(better - velocity) < 0.6 * rms(determined - velocity)
 
 
 def test_a_stuck_accelerometer_smooths_nothing():
@@ -87,9 +87,9 @@ def test_a_stuck_accelerometer_smooths_nothing():
 def test_a_height_loses_its_noise_but_not_a_step_of_the_ground():
     random = np.random.default_rng(3)
     t, _, _, _, velocity, _, height = path()
-    told = height + 0.02 * random.standard_normal(len(t))
-    better = smoothed_height(told, velocity[:, 2], RATE)
-    assert rms((better - height)[:, None]) < 0.4 * rms((told - height)[:, None])
-    step = told + 0.6 * (t > 30.0)
+    determined = height + 0.02 * random.standard_normal(len(t))
+    better = smoothed_height(determined, velocity[:, 2], RATE)
+    assert rms((better - height)[:, None]) < 0.4 * rms((determined - height)[:, None])
+    step = determined + 0.6 * (t > 30.0)
     same = smoothed_height(step, velocity[:, 2], RATE)
     assert same is step

@@ -16,7 +16,7 @@ from coaxlink.residual.diagnosis.decide import (
     alone,
     at_bound,
     calibration,
-    flown_nats,
+    flown_evidence,
     flown_open_terms,
     flown_terms,
     needed,
@@ -65,9 +65,9 @@ def test_what_follows_the_heading_is_found_through_many_turns_and_by_its_size():
     random, yaw = np.random.default_rng(3), np.arange(ROWS) / 17.0
     noise = random.normal(0.0, 0.5, ROWS)
     (found,) = left_beside_nothing(noise + 2.0 * np.cos(3.0 * yaw), yaw_rad=yaw).forms
-    assert found.nats > 20.0 and found.shown.names == {"yaw_rad|load"}
+    assert found.log_evidence > 20.0 and found.shown.names == {"yaw_rad|load"}
     assert np.std(found.shown.left) == pytest.approx(0.5, rel=0.05)
-    assert all(f.nats < 5.0 for f in left_beside_nothing(noise, yaw_rad=yaw).forms)
+    assert all(f.log_evidence < 5.0 for f in left_beside_nothing(noise, yaw_rad=yaw).forms)
     small = 0.05 * noise + 0.15 * np.cos(3.0 * yaw)  # clear, and 0.1 % of the load
     assert left_beside_nothing(small, yaw_rad=yaw).forms == ()
 
@@ -78,9 +78,9 @@ def test_a_gust_is_no_path_in_time_but_what_goes_with_a_velocity_is_told():
     time = np.arange(ROWS) / 10.0
     bump = 4.0 * np.exp(-((np.sin(time) / 0.2) ** 2))
     noise = random.normal(0.0, 0.5, ROWS)
-    assert all(f.nats < 10.0 for f in left_beside_nothing(gust + noise, time_s=time).forms)
+    assert all(f.log_evidence < 10.0 for f in left_beside_nothing(gust + noise, time_s=time).forms)
     (found,) = left_beside_nothing(bump + noise, time_s=time, vel_x_body_m_s=np.sin(time)).forms
-    assert found.nats > 20.0 and found.shown.names == {"vel_x_body_m_s|load"}
+    assert found.log_evidence > 20.0 and found.shown.names == {"vel_x_body_m_s|load"}
 
 
 def strains_of(moment):
@@ -98,13 +98,13 @@ def strains_of(moment):
 
 def test_rotors_that_differ_as_their_kind_does_are_strained_as_seldom_as_chance_has_it():
     drawn = np.random.default_rng(8).normal(0.0, 0.0015, (400, 4)) @ [300.0, -300.0, 280.0, -280.0]
-    often = sum(any(s.nats > 0.0 for s in strains_of(moment)) for moment in drawn)
+    often = sum(any(s.log_evidence > 0.0 for s in strains_of(moment)) for moment in drawn)
     assert 0 < often < 12  # one in fifty of two kinds, of which one is there: four
 
 
 def test_a_constant_moment_that_no_rotor_would_make_by_itself_strains_all_of_them():
     (found,) = strains_of(5.0)  # of a spread of 0.87
-    assert found.nats > 12.0 and found.channel == "load" and found.motor in ("motor1", "motor2")
+    assert found.log_evidence > 12.0 and found.channel == "load" and found.motor in ("motor1", "motor2")
     assert abs(found.share) < 4.0 * found.believed  # each is believable
     assert found.size == pytest.approx(0.05, rel=0.05)
     assert strains_of(0.1) == ()  # 0.1 % of the load is no pilot's concern
@@ -128,16 +128,16 @@ def test_a_number_where_physics_ends_is_no_estimate(monkeypatch):
 
 def test_a_flights_name_is_judged_by_the_terms_that_were_trained_and_more_nats_raise_it():
     level = calibration(FLIGHTS)["level"]["name"]
-    lone = [{"tempered": nats, "members": 1.0} for nats in (2.0, flown_nats(), 400.0)]
-    said = [probability("name", flown_terms(numbers), FLIGHTS) for numbers in lone]
+    lone = [{"tempered": log_evidence, "members": 1.0} for log_evidence in (2.0, flown_evidence(), 400.0)]
+    reported = [probability("name", flown_terms(numbers), FLIGHTS) for numbers in lone]
     assert set(flown_terms(lone[0])) == set(calibration(FLIGHTS)["name"]["weights"])
-    assert said == sorted(said) and said[0] < level and said[1] == pytest.approx(level)
+    assert reported == sorted(reported) and reported[0] < level and reported[1] == pytest.approx(level)
     beside = probability("name", flown_terms({"tempered": 400.0, "members": 3.0}), FLIGHTS)
-    assert level < beside < said[2]  # what else it took speaks against a name
+    assert level < beside < reported[2]  # what else it took speaks against a name
 
 
 def test_more_evidence_makes_more_than_is_said_likelier_and_names_make_it_less_likely():
-    beside_nothing = [alone("form", nats) for nats in (0.0, 8.0, 40.0, 1000.0)]
+    beside_nothing = [alone("form", log_evidence) for log_evidence in (0.0, 8.0, 40.0, 1000.0)]
     terms = flown_open_terms({"form": 40.0}, ("wind",))
     assert set(terms) == set(calibration(FLIGHTS)["open"]["weights"])
     assert beside_nothing == sorted(beside_nothing)
@@ -183,8 +183,8 @@ def test_of_sets_that_beat_one_another_in_a_circle_the_one_of_most_evidence_lead
         one, two = (next(iter(h.names)) for h in (best, rival))
         if one == two:
             return 1.0
-        nats = ahead.get((one, two), -ahead.get((two, one), 0.0))
-        return nats / (best.score - rival.score)
+        log_evidence = ahead.get((one, two), -ahead.get((two, one), 0.0))
+        return log_evidence / (best.score - rival.score)
 
     monkeypatch.setattr(posteriors, "temper", temper)
     found = posteriors.posterior(None, None, list(sets.values()), whole=True)
@@ -194,8 +194,8 @@ def test_of_sets_that_beat_one_another_in_a_circle_the_one_of_most_evidence_lead
 def test_what_explains_nothing_does_not_lead_beside_a_name():
     behind = {("drag", "wind"): 0.0, ("drag",): 2.0, ("wind",): 50.0, (): 90.0}
     sets = {names: SimpleNamespace(effects=frozenset(names)) for names in behind}
-    nats = {id(h): behind[names] for names, h in sets.items()}
-    found = SimpleNamespace(sets=tuple(sets.values()), nats_behind=lambda h: nats[id(h)])
+    log_evidence = {id(h): behind[names] for names, h in sets.items()}
+    found = SimpleNamespace(sets=tuple(sets.values()), evidence_behind=lambda h: log_evidence[id(h)])
     assert needed(found, sets["drag", "wind"]) is sets["drag",]
-    nats[id(sets["drag",])] = 6.0  # more than a rival's odds
+    log_evidence[id(sets["drag",])] = 6.0  # more than a rival's odds
     assert needed(found, sets["drag", "wind"]) is sets["drag", "wind"]

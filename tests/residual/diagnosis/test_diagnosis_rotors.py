@@ -56,9 +56,9 @@ def test_two_rotors_that_nothing_decides_between_are_a_doubt_and_no_name(flights
         return [Place(3, 0.75, weak(frame, 3.0)), Place(8, 0.25, weak(frame, 8.0))]
 
     monkeypatch.setattr(answers, "places", open_ended)
-    said = refine(*flights[CHIPPED])
-    assert not said.effects and said.names == {"degraded_rotor"}
-    (doubt,) = said.ambiguous
+    reported = refine(*flights[CHIPPED])
+    assert not reported.effects and reported.names == {"degraded_rotor"}
+    (doubt,) = reported.ambiguous
     assert doubt.names == ("degraded_rotor of rotor 3", "degraded_rotor of rotor 8")
     sure, rest = doubt.probability  # as sure as the name is, shared as the rotors' are
     assert 0.6 < sure < 0.75 and sure == pytest.approx(3.0 * rest, abs=2e-4)

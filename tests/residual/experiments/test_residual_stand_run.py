@@ -20,10 +20,12 @@ def coaxlink(*arguments: object) -> None:
 
 
 def measured(folder: Path, truth: str, schedule: Path, seed: int) -> Path:
-    told = folder / f"{truth}.toml"
-    told.write_text(f'[stand]\ndrive = "throttle"\n[[effects]]\nname = "{truth}"\nsize = {TRUTHS[truth]}\n')
+    determined = folder / f"{truth}.toml"
+    determined.write_text(
+        f'[stand]\ndrive = "throttle"\n[[effects]]\nname = "{truth}"\nsize = {TRUTHS[truth]}\n'
+    )
     log = folder / f"{truth}-{seed}.csv"
-    coaxlink("sim", "--stand", log, "--truth", told, "--schedule", schedule, "--seed", seed)
+    coaxlink("sim", "--stand", log, "--truth", determined, "--schedule", schedule, "--seed", seed)
     return log
 
 

@@ -224,11 +224,11 @@ def test_what_fits_as_labelled_for_a_while_is_no_exchange(clean):
     other[:, pair] = speeds[:, pair[::-1]]
     labelled, exchanged = (airframe.body_loads(*airframe.loads(model, u)) for u in (speeds, other))
 
-    def said(measured):
+    def reported(measured):
         return [s.column for s in _swapped(replace(frame, speeds=speeds, measured=measured))]
 
-    assert said(exchanged) == ["motor2, motor7"]
-    assert said(np.where(calm[:, None], labelled, exchanged)) == []
+    assert reported(exchanged) == ["motor2, motor7"]
+    assert reported(np.where(calm[:, None], labelled, exchanged)) == []
 
 
 def test_a_centre_of_mass_is_the_rival_of_an_exchange(clean):

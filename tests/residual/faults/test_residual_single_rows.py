@@ -95,6 +95,6 @@ def test_where_speeds_were_measured_no_rotor_is_late_behind_them() -> None:
             y[k] = keep * y[k - 1] + (1.0 - keep) * log[name][k]
         filtered[name] = y
     answer = refine_stand(log.with_columns(**filtered))
-    said = {e.name for e in answer.effects} | {n for a in answer.ambiguous for n in a.names}
-    assert "rotor_lag" not in said
+    reported = {e.name for e in answer.effects} | {n for a in answer.ambiguous for n in a.names}
+    assert "rotor_lag" not in reported
     assert any("after the speeds" in note and "upper_thrust 0.1" in note for note in answer.notes)

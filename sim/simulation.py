@@ -15,7 +15,7 @@ import numpy as np
 
 from firmware_params import bounded
 from sim.documents import write_atomic
-from sim.errors import WorldError
+from sim.errors import SimulationError
 from sim.line.links import Port, open_port
 from sim.line.memory import Memory
 from sim.line.wire import Clock, parse_faults
@@ -42,7 +42,7 @@ SCRIPTS_START_S = 2.0  # of an ArduPilot's start; it speaks again 1.5 s after a 
 
 
 @dataclass(frozen=True)
-class World:
+class Simulation:
     """Everything that decides a world."""
 
     airframe: Path
@@ -75,7 +75,7 @@ def open_links(addresses: Sequence[str]) -> list[Port]:
 
 
 def build(
-    world: World,
+    simulation: Simulation,
     ports: Sequence[Port],
     speed: float = 1.0,
     clock: Clock = time.monotonic,
@@ -84,49 +84,53 @@ def build(
     from sim.px4.autopilot import Autopilot
     from sim.px4.logger import UlogLogger
 
-    ardupilot = world.firmware.partition(":")[0] == "ardupilot"
-    version = CURRENT if ardupilot else firmware_version(world.firmware)
-    faults = parse_faults(world.wire) if world.wire else None
-    uid = read_uid(world.uid) if world.uid else Autopilot.uid
-    plant, truth = build_plant(world)
-    _refuse_frame(world, plant.vehicle, ardupilot, version)
-    common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed, "clock": clock}
-    common["lockstep"] = world.lockstep
-    common["key"] = None if world.signing_key is None else read_key(world.signing_key)
+    ardupilot = simulation.firmware.partition(":")[0] == "ardupilot"
+    version = CURRENT if ardupilot else firmware_version(simulation.firmware)
+    faults = parse_faults(simulation.wire) if simulation.wire else None
+    uid = read_uid(simulation.uid) if simulation.uid else Autopilot.uid
+    plant, truth = build_plant(simulation)
+    _refuse_frame(simulation, plant.vehicle, ardupilot, version)
+    common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": simulation.seed, "clock": clock}
+    common["lockstep"] = simulation.lockstep
+    common["key"] = None if simulation.signing_key is None else read_key(simulation.signing_key)
     if ardupilot:
         from sim.ardupilot.copter import Copter
         from sim.ardupilot.logger import DataFlashLogger
         from sim.ardupilot.protocol import ApConversation
 
-        copter = Copter(plant, truth, version=version, seed=world.seed)
+        copter = Copter(plant, truth, version=version, seed=simulation.seed)
         copter.scripts_start_s = SCRIPTS_START_S
         DataFlashLogger(copter)
         copter.uid = uid
-        copter.escs = _escs(world.escs)
-        common["memory"] = _memory(world.memory, copter, clock, lazy=False)
+        copter.escs = _escs(simulation.escs)
+        common["memory"] = _memory(simulation.memory, copter, clock, lazy=False)
         return Standin(copter, ports, manners=ApConversation, **common)
-    autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
+    autopilot = Autopilot(plant, truth, version=version, seed=simulation.seed)
     UlogLogger(autopilot)
     autopilot.uid = uid
-    autopilot.escs = _escs(world.escs)
-    autopilot.firmware_module = world.module
+    autopilot.escs = _escs(simulation.escs)
+    autopilot.firmware_module = simulation.module
     autopilot.files.make("etc")
-    common["memory"] = _memory(world.memory, autopilot, clock, lazy=True)
+    common["memory"] = _memory(simulation.memory, autopilot, clock, lazy=True)
     return Standin(autopilot, ports, **common)
 
 
-def _refuse_frame(world: World, vehicle: SimVehicle, ardupilot: bool, version: tuple[int, int, int]) -> None:
+def _refuse_frame(
+    simulation: Simulation, vehicle: SimVehicle, ardupilot: bool, version: tuple[int, int, int]
+) -> None:
     """Raises WorldError for rotors that the firmware has no frame for."""
     if ardupilot:
         from sim.ardupilot.frame import own_frame, why_none
 
         if own_frame(vehicle) is None:
-            raise WorldError(world.airframe, "rotors", why_none(vehicle))
+            raise SimulationError(simulation.airframe, "rotors", why_none(vehicle))
         return
     most = NEW_ROTORS if version >= NEW_TABLE else OLD_ROTORS
     if vehicle.rotors > most:
         name = ".".join(map(str, version))
-        raise WorldError(world.airframe, "rotors", f"PX4 {name} holds {most}, found {vehicle.rotors}")
+        raise SimulationError(
+            simulation.airframe, "rotors", f"PX4 {name} holds {most}, found {vehicle.rotors}"
+        )
 
 
 def _memory(path: Path | None, autopilot: Any, clock: Clock, *, lazy: bool) -> Memory | None:
@@ -142,13 +146,13 @@ def read_uid(text: str) -> int:
     """A board's id: 1 to 24 hex digits, 0 for a board that has none. Raises WorldError."""
     most = UID_BITS // 4
     if not 1 <= len(text) <= most or not set(text) <= set(string.hexdigits):
-        raise WorldError("--uid", "", f"1 to {most} hex digits are expected, found {text!r}")
+        raise SimulationError("--uid", "", f"1 to {most} hex digits are expected, found {text!r}")
     return int(text, 16)
 
 
 def _escs(kind: str) -> str:
     if kind not in KINDS:
-        raise WorldError("--esc", "", f"one of {', '.join(KINDS)} is expected, found '{kind}'")
+        raise SimulationError("--esc", "", f"one of {', '.join(KINDS)} is expected, found '{kind}'")
     return kind
 
 
@@ -157,9 +161,9 @@ def read_key(path: Path) -> bytes:
     try:
         data = bounded.read_bytes(path, KEY_FILE)
     except OSError as error:
-        raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
+        raise SimulationError(path, "", f"cannot be read ({error.strerror})") from error
     except bounded.Unreadable as error:
-        raise WorldError(path, error.where, error.problem) from error
+        raise SimulationError(path, error.where, error.problem) from error
     text = data.strip()
     if len(data) == 32:
         return data
@@ -167,28 +171,28 @@ def read_key(path: Path) -> bytes:
         with contextlib.suppress(ValueError):
             return bytes.fromhex(text.decode("ascii", "replace"))
     if not text:
-        raise WorldError(path, "", "a signing key is expected, found nothing")
+        raise SimulationError(path, "", "a signing key is expected, found nothing")
     return hashlib.sha256(text).digest()
 
 
-def build_plant(world: World) -> tuple[Plant, Truth]:
+def build_plant(simulation: Simulation) -> tuple[Plant, Truth]:
     """The vehicle, and what is true of it. Raises WorldError."""
-    vehicle = read_vehicle(world.airframe)
-    rotor = world.rotor or vehicle.rotor_file
+    vehicle = read_vehicle(simulation.airframe)
+    rotor = simulation.rotor or vehicle.rotor_file
     if rotor is None:
-        raise WorldError(world.airframe, "rotor_model", "a rotor file is expected")
+        raise SimulationError(simulation.airframe, "rotor_model", "a rotor file is expected")
     pair = read_pair(rotor)
-    _refuse_what_cannot_fly(world.airframe, vehicle, rotor, pair)
+    _refuse_what_cannot_fly(simulation.airframe, vehicle, rotor, pair)
     truth = Truth()
-    if world.truth is not None:
-        truth = read_truth(world.truth)
+    if simulation.truth is not None:
+        truth = read_truth(simulation.truth)
         grown = {n: sum(e.size for e in truth.effects if e.name == n) for n in ("mass_change", "rotor_lag")}
         mass, lag = vehicle.mass_kg + grown["mass_change"], vehicle.motor_lag_s + grown["rotor_lag"]
-        refuse_body(world.truth, mass, lag)
-    elif world.hidden_seed is not None:
-        truth = hidden_truth(world.hidden_seed, vehicle.rotors)
-    if world.truth_out is not None:
-        write_atomic(world.truth_out, truth_text(truth))
+        refuse_body(simulation.truth, mass, lag)
+    elif simulation.hidden_seed is not None:
+        truth = hidden_truth(simulation.hidden_seed, vehicle.rotors)
+    if simulation.truth_out is not None:
+        write_atomic(simulation.truth_out, truth_text(truth))
     return Plant(vehicle, pair), truth
 
 
@@ -197,18 +201,18 @@ def _refuse_what_cannot_fly(airframe: Path, vehicle: SimVehicle, rotor: Path, pa
     levers = np.cross(vehicle.position_m, vehicle.axis)[:, :2]
     if np.linalg.matrix_rank(np.column_stack([vehicle.axis[:, 2], levers]), tol=LEAST_LEVER_M) < 3:
         problem = "rotors on one point or one line make no roll or no pitch; metres are expected"
-        raise WorldError(airframe, "rotors.position_m", problem)
+        raise SimulationError(airframe, "rotors.position_m", problem)
     torques = {"upper": pair.loads(1.0, 0.0)[1]}
     if (vehicle.partner >= 0).any():
         torques["lower"] = pair.loads(1.0, 1.0)[3]
     for name, torque in torques.items():
         if not torque > 0.0:
             problem = f"more than 0 N m turns a rotor at full speed, found {torque:.4g} N m"
-            raise WorldError(rotor, f"{name}.torque_Nm", problem)
+            raise SimulationError(rotor, f"{name}.torque_Nm", problem)
 
 
 def build_bridge(
-    world: World,
+    simulation: Simulation,
     to: str,
     address: str = "",
     speed: float = 0.0,
@@ -221,17 +225,17 @@ def build_bridge(
     """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:
-        raise WorldError("--bridge", "", f"px4 or ardupilot is expected, found '{to}'")
+        raise SimulationError("--bridge", "", f"px4 or ardupilot is expected, found '{to}'")
     kind, usual = kinds[to]
     given, _, rest = (address or f"{kind}:127.0.0.1:{usual}").partition(":")
     host, _, port = rest.rpartition(":")
     if given != kind or not host or not port.isdecimal() or int(port) > 65535:
-        raise WorldError("--listen", address, f"{kind}:HOST:PORT is expected for a bridge to {to}")
-    plant, truth = build_plant(world)
+        raise SimulationError("--listen", address, f"{kind}:HOST:PORT is expected for a bridge to {to}")
+    plant, truth = build_plant(simulation)
     if to == "px4":
         from sim.bridge.px4_hil import Px4Bridge
 
-        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed, speed=speed, say=say)
+        return Px4Bridge(plant, truth, host=host, port=int(port), seed=simulation.seed, speed=speed, say=say)
     from sim.bridge.ardupilot_json import ArduPilotBridge
 
     return ArduPilotBridge(plant, truth, host=host, port=int(port), say=say)
@@ -241,14 +245,16 @@ def firmware_version(firmware: str) -> tuple[int, int, int]:
     """(major, minor, patch) of `px4`, `px4:1.13` or `px4:1.14.3`. Raises WorldError."""
     name, _, wanted = firmware.partition(":")
     if name != "px4":
-        raise WorldError("--firmware", "", f"px4, px4:VERSION or ardupilot is expected, found '{firmware}'")
+        raise SimulationError(
+            "--firmware", "", f"px4, px4:VERSION or ardupilot is expected, found '{firmware}'"
+        )
     if not wanted:
         return CURRENT
     parts = wanted.split(".")
     if not 2 <= len(parts) <= 3 or not all(part.isdecimal() and int(part) < 256 for part in parts):
-        raise WorldError("--firmware", "", f"a version such as 1.13 is expected, found '{wanted}'")
+        raise SimulationError("--firmware", "", f"a version such as 1.13 is expected, found '{wanted}'")
     numbers = [int(part) for part in parts]
     major, minor = numbers[:2]
     if (major, minor) < OLDEST:
-        raise WorldError("--firmware", "", f"PX4 1.13 or later is expected, found '{wanted}'")
+        raise SimulationError("--firmware", "", f"PX4 1.13 or later is expected, found '{wanted}'")
     return major, minor, numbers[2] if len(numbers) == 3 else LAST_PATCH.get((major, minor), 0)

@@ -28,14 +28,14 @@ EFFECT = np.log(10.0)  # nats: an effect as large as that is in one of ten rows
 BEGINS = np.log(50.0)  # nats: what has failed fails anew once in fifty rows
 SURE = 2.0 * np.log(1e4)  # nats: one log of 100 has a fault, 99 % sure; twice, as rows are not independent
 LOADED, FAIR = 0.25, (0.2, 5.0)  # of the reference: less load tells no ratio; beyond, a tenth of that does
-TURNS = 0.2  # of full speed: a rotor near rest has no load to lose, whatever wake it stands in
+BEARS_LOAD = 0.2  # of full speed: a rotor near rest has no load to lose, whatever wake it stands in
 GONE = 0.05  # of the load: what a cell reads whose plug is off
 QUIETEST = 0.25  # of the rows say what noise is: the others may be of another gain
 FIT_ROWS, RICH = 4000, 100  # effort; places that a polynomial of third order wants
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class Reference:
     """What loads and speeds should be, and how far each state leaves them from it."""
 
     frame: StandFrame
@@ -72,7 +72,7 @@ class Yardstick:
         possible = (read >= low) & (read <= high)
         spread = (high - low) / self.tolerance
         effect = EFFECT + np.log(np.maximum(spread / np.sqrt(2.0 * np.pi), 1.0))
-        plain = nats_of(self.misses(log, due))
+        plain = log_evidence_of(self.misses(log, due))
         return np.where(possible, np.minimum(plain, effect), plain), possible
 
     def undone(self, state: State, due: Array) -> Readings:
@@ -89,7 +89,7 @@ class Yardstick:
         log, read = readings_of(self.frame), self.undone(state, due)
         expected = due if state.one_cell else self.due(read)
         off = self.misses(read, expected)
-        cost = nats_of(off)
+        cost = log_evidence_of(off)
         if state.side >= 0:
             c = 4 + state.side
             if not state.ratio:  # anything up to twice full speed
@@ -98,7 +98,9 @@ class Yardstick:
                 cost[:, c] += np.log(state.ratio)
         if not state.factor:
             (c,) = state.channels
-            cost[:, c] = nats_of(log.loads[:, c] / np.clip(GONE * np.abs(due[:, c]), 1e-9, self.tolerance[c]))
+            cost[:, c] = log_evidence_of(
+                log.loads[:, c] / np.clip(GONE * np.abs(due[:, c]), 1e-9, self.tolerance[c])
+            )
         elif state.factor != 1.0:
             cost[:, list(state.channels)] += max(np.log(abs(state.factor)), 0.0)
         won = np.sum(sound - cost, axis=1)
@@ -111,13 +113,14 @@ class Yardstick:
             if partner not in self.frame.present:
                 alone = np.full(len(won), not self.frame.driven)
             fair = not state.factor or FAIR[0] < abs(state.factor) < FAIR[1]
-            told: Mask = loaded[:, c] & ((self.frame.speeds[:, c // 2] > TURNS) | (state.factor != 0.0))
-            told |= (np.abs(due[:, c]) > LOADED / 10.0 * self.reference[c]) & (not fair)
-            won = np.where(told, np.where(alone, won, -BEGINS), 0.0)
+            bears = self.frame.speeds[:, c // 2] > BEARS_LOAD
+            determined: Mask = loaded[:, c] & (bears | (state.factor != 0.0))
+            determined |= (np.abs(due[:, c]) > LOADED / 10.0 * self.reference[c]) & (not fair)
+            won = np.where(determined, np.where(alone, won, -BEGINS), 0.0)
         return np.where(np.isfinite(won), won, -SURE)
 
 
-def nats_of(misses: Array) -> Array:
+def log_evidence_of(misses: Array) -> Array:
     """Against misses, in tolerances, by Student's t."""
     return np.asarray(0.5 * (HEAVY + 1.0) * np.log1p(misses**2 / HEAVY))
 
@@ -129,9 +132,9 @@ def curves_of(throttles: Array, side: int, fine: bool) -> Array:
     return np.stack([mine**0, mine, mine**2, mine**3, *beside], axis=1)
 
 
-def yardstick_of(
+def reference_of(
     frame: StandFrame, trusted: Mask, read: Sequence[tuple[State, Mask]] = (), fine: bool = False
-) -> Yardstick:
+) -> Reference:
     """What trusted rows agree on, some of them read in another way."""
     log = readings_of(frame)
     for state, mine in read:
@@ -148,7 +151,7 @@ def yardstick_of(
             names = dictionary_of(LOADS[c], 3 if places(log.speeds[few]) >= RICH else 2)
             x = design_matrix(names, log.speeds[:, 0], log.speeds[:, 1])
             fits[c] = (names, robust_fit(x, log.loads[:, c], few))
-    draft = Yardstick(frame, fits, curves, np.ones(4), np.ones(6), np.ones(6))
+    draft = Reference(frame, fits, curves, np.ones(4), np.ones(6), np.ones(6))
     due = draft.due(log)
     size = np.maximum(np.quantile(np.abs(due), 0.95, axis=0), 1e-9)
     if not fine:
