@@ -125,16 +125,18 @@ def left(values: Array, design: Array) -> Array:
     return np.asarray(values - base @ (base.T @ values))
 
 
-def rounded(names: Sequence[str], values: Array, flying: Mask) -> tuple[str, float, float] | None:
+def rounded(
+    names: Sequence[str], values: Array, flying: Mask, matters: float = COARSE_STEP
+) -> tuple[str, float, float] | None:
     """The column (rows, N) that moves in far larger steps than the others, in some part of the flight; its
-    steps, and theirs."""
+    steps, and theirs. Steps that are no larger than what matters are none."""
     for rows in np.array_split(np.flatnonzero(flying), PARTS):
         steps = np.array([resolution_of(values[rows, k]) for k in range(len(names))])
         if len(rows) < LEAST_ROWS or not np.isfinite(steps).all():
             continue
         k = int(np.argmax(steps))
         others = float(np.max(np.delete(steps, k)))
-        if steps[k] > max(COARSER * others, COARSE_STEP):
+        if steps[k] > max(COARSER * others, matters):
             return names[k], float(steps[k]), others
     return None
 

@@ -15,6 +15,7 @@ import numpy as np
 from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
+from coaxlink.residual.faults.apart import COARSE_STEP
 from coaxlink.residual.faults.commands_apart import commands_apart
 from coaxlink.residual.faults.kinematics import flying_rows, step_of
 from coaxlink.residual.faults.mixer_demands import (
@@ -53,11 +54,13 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
         for run in runs[name]:
             a, b, _ = run
             beside = [j for j, other in enumerate(names) if j != k and held[other][a:b].mean() < 0.5]
+            usable = free & ~held[name] & ~np.any([held[names[j]] for j in beside], axis=0)
             if len(beside) < DEMANDS:  # all at once
                 fine = is_fine(log[name], steps[name]) and b - a > STUCK_S / step_of(log)
                 against = np.inf if fine else 0.0
+            elif usable.sum() < LEAST_ROWS:  # it never moves
+                against = np.inf if np.ptp(commands[a:b, beside], axis=0).min() > COARSE_STEP else 0.0
             else:
-                usable = free & ~held[name] & ~np.any([held[names[j]] for j in beside], axis=0)
                 design = design_of(commands[:, beside], usable)
                 against = away(commands[:, k], design, usable, a + np.flatnonzero(~limited[a:b]), steps[name])
             if is_no_reading(against, run):

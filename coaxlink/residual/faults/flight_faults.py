@@ -21,6 +21,7 @@ from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
+from coaxlink.residual.faults.apart import rounded
 from coaxlink.residual.faults.chain import settled
 from coaxlink.residual.faults.kinematics import (
     ACCEL,
@@ -89,9 +90,21 @@ def column_faults(log: Samples) -> list[Finding]:
             why = f"it reads no further than {limit:.3g}, again and again: the sensor is at its limit"
             found.append((name, log[name] == limit, why))
     gone = np.logical_or.reduce([copied, *(rows for _, rows, _ in found)])
+    found += _rounded(log)
     if len(kin.first) >= LEAST_WINDOWS:
         found += _Judged.of(kin, ~kin.touches(gone)).chained(log.rows)
     return [*found, *_voltage(log)]
+
+
+def _rounded(log: Samples) -> Iterator[Finding]:
+    """The axis of a sensor that moves in far larger steps than its others."""
+    flying = flying_rows(log)
+    for names, finest in ((ACCEL, FINEST[0]), (GYRO, FINEST[3]), (VELOCITY, FINEST[0])):
+        values = np.stack([log[name] for name in names], axis=1)
+        if coarse := rounded(names, values, flying, matters=float(finest)):
+            name, step, others = coarse
+            why = f"it moves in steps of {step:.2g}, its other axes in {others:.1g}: rounded"
+            yield name, np.ones(log.rows, bool), why
 
 
 def _held(log: Samples) -> dict[str, Mask]:

@@ -34,13 +34,19 @@ def speeds_apart(log: Samples, rotors: Sequence[int], commands: Array, usable: M
         name, step, others = coarse
         why = f"it moves in steps of {step:.1g} of the most speed, the other speeds in {others:.1g}: rounded"
         yield name, every, why
-    elif pair := _exchanged(speeds):
+        return
+    if pair := _exchanged(speeds):
         why = "exchanged, they go with their commands: labels or wires are swapped"
         yield ", ".join(pair), every, why
-    elif late := _late(speeds):
-        ms, way = 1000.0 * abs(late[1]), "later" if late[1] > 0.0 else "earlier"
-        why = f"it follows its command {ms:.0f} ms {way} than the other speeds do: its stamps are off"
-        yield late[0], every, why
+        return
+    first = np.cumsum(usable) <= usable.sum() // 2
+    for part in (every, first, ~first):  # motors of one type may become slower together
+        speeds = _speeds(log, rotors, commands, usable & part)
+        if late := _late(speeds) if speeds else None:
+            ms, way = 1000.0 * abs(late[1]), "later" if late[1] > 0.0 else "earlier"
+            why = f"it follows its command {ms:.0f} ms {way} than the other speeds do: its stamps are off"
+            yield late[0], every, why
+            return
 
 
 def changed_speed(log: Samples, rotors: Sequence[int]) -> tuple[str, float] | None:
@@ -92,10 +98,8 @@ def _late(speeds: Columns) -> tuple[str, float] | None:
 
     Less than one of its messages is apart is no lateness: those of two ESCs come in turn.
     """
-    for some in speeds.halves():
-        if (late := some.late()) and abs(late[1]) > max(LATE_S, _between_messages_s(speeds, late[0])):
-            return late
-    return None
+    late = speeds.late()
+    return late if late and abs(late[1]) > max(LATE_S, _between_messages_s(speeds, late[0])) else None
 
 
 def _between_messages_s(speeds: Columns, name: str) -> float:

@@ -200,6 +200,16 @@ def test_speeds_of_sound_motors_and_escs_are_not_flagged() -> None:
     assert found(log) == []
 
 
+def test_motors_that_all_become_slower_on_the_way_are_no_clock_that_is_off() -> None:
+    log = flown()
+    t = log["time_s"]
+    for n in ROTORS:
+        behind = np.where(t < 30.0, 0.02, 0.05)
+        noise = 4.0 * np.random.default_rng(n).standard_normal(len(t))
+        log[f"rpm{n}"] = 5400.0 * np.interp(t - behind, t, log[f"motor{n}"]) + noise
+    assert found(log) == []
+
+
 def test_a_motor_that_turns_slower_from_a_moment_on_is_no_reading_that_is_off() -> None:
     log = flown()
     assert changed_speed(Samples(log), ROTORS) is None
@@ -207,3 +217,10 @@ def test_a_motor_that_turns_slower_from_a_moment_on_is_no_reading_that_is_off() 
     assert found(log) == []
     name, moment = changed_speed(Samples(log), ROTORS)
     assert name == "rpm4" and abs(moment - 32.0) < 2.0
+
+
+def test_a_command_that_never_moves_while_the_others_do_is_no_reading() -> None:
+    log = flown()
+    log["motor6"][5:] = log["motor6"][1000]
+    ((column, rows, why),) = found(log)
+    assert column == "motor6" and rows[100:-100].all() and "repeats exactly" in why
