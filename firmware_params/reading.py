@@ -10,8 +10,8 @@
 | ArduPilot's `@PARAM/param.pck` | packed, see `ardupilot.packed` |
 
 Comments (`#`, `//`) may follow a value. Text is UTF-8, UTF-16 or Latin-1, with or without a mark, and its
-lines end in any way. Integers that a tool took for floats (their bits are subnormal) are read as what they
-are.
+lines end in any way. ArduPilot's `@include FILE` is followed within the file's own folder. Integers that a
+tool took for floats (their bits are subnormal) are read as what they are.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ _SHOWN = re.compile(rf"^[x ]? ?[+* ]? *{_NAME} \[\d+,\d+\] *: *(\S+)")  # px4 sy
 _SET = re.compile(rf"^param\s+set(?:-default)?(?:\s+-s)?\s+{_NAME}\s+(\S+)")
 _ROW = re.compile(rf"^{_NAME}(\s*[,;=:]\s*|\s+)(.*)$")
 _QGC = re.compile(r"^\s*\d+\s+\d+\s+\S+\s+\S+\s+\d+\s*$")
+_INCLUDE = re.compile(r"@include\s+(\S.*)", re.IGNORECASE)
+_INCLUDES = 8  # files in files, judgement: one that includes itself has no end
 _COMMENT = re.compile(r"\s*(?:#|//).*$")
 _HEADING = ("NAME", "PARAM", "PARAMETER", "COMMAND")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # of a copied terminal
@@ -82,8 +84,10 @@ class _Row:
     address: tuple[int, int] = (1, 1)
 
 
-def read_params(path: Path, *, finite: bool = True, system: int | None = None) -> ParamsFile:
-    """Read a file of any form of the module's table.
+def read_params(
+    path: Path, *, finite: bool = True, system: int | None = None, includes: int = _INCLUDES
+) -> ParamsFile:
+    """Read a file of any form of the module's table, and what it includes, `includes` files deep.
 
     Raises ParamsFileError naming the line, also for a name with two values and, unless `finite` is False,
     for a NaN.
@@ -111,17 +115,18 @@ def read_params(path: Path, *, finite: bool = True, system: int | None = None) -
     lines = list(lines_of(text if "\n" in text else text.replace("\r", "\n")))
     header = tuple(plain(line.lstrip()[1:].strip()) for _, line in lines if line.lstrip().startswith("#"))
     body = [(n, line) for n, line in lines if line.strip() and not line.lstrip().startswith("#")]
-    rows, notes = _rows(path, body)
+    rows, notes = _rows(path, body, includes)
     if not rows:
         problem = "no parameters: lines NAME,VALUE, or 'system component NAME VALUE TYPE', are expected"
-        raise ParamsFileError(path, 0, problem)
+        raise ParamsFileError(path, 0, "; ".join([problem, *notes]))
+    loose = {row.name for row in rows if row.type < 0}
     rows, notes, own = _one_vehicle(path, rows, notes, system)
     firmware = firmware_of(path, [row.name for row in rows], header)
     params: dict[str, float | int] = {}
     types: dict[str, int] = {}
     for row in rows:
         value, kind = _value(path, row, firmware, finite)
-        if row.name in params and params[row.name] != value and row.type >= 0:
+        if row.name in params and params[row.name] != value and row.name not in loose:
             raise ParamsFileError(path, row.line, f"{row.name} stands twice")
         params[row.name] = value
         if kind:
@@ -150,7 +155,7 @@ def decoded(data: bytes) -> str:
     return text
 
 
-def _rows(path: Path, lines: list[tuple[int, str]]) -> tuple[list[_Row], list[str]]:
+def _rows(path: Path, lines: list[tuple[int, str]], includes: int) -> tuple[list[_Row], list[str]]:
     """The rows of whichever form the lines have. Raises ParamsFileError."""
     plain_lines = [(n, _PROMPT.sub("", line)) for n, line in lines]
     if any(_QGC.match(line) or line.count("\t") == 4 for _, line in lines[:50]):
@@ -160,7 +165,33 @@ def _rows(path: Path, lines: list[tuple[int, str]]) -> tuple[list[_Row], list[st
         return [_Row(n, m[1], m[2]) for n, m in shown], [note]
     if any(_SET.match(line.strip()) for _, line in plain_lines):
         return _script(plain_lines)
-    return _list(path, lines, plain_lines)
+    added: list[_Row] = []
+    left: list[str] = []
+    for n, line in plain_lines:
+        if line.lstrip().startswith("@"):
+            found, note = _included(path, n, _COMMENT.sub("", line).strip(), includes)
+            added, left = [*added, *found], [*left, note]
+    rows, notes = _list(path, lines, plain_lines)
+    return sorted([*added, *rows], key=lambda row: row.line), [*left, *notes]
+
+
+def _included(path: Path, n: int, line: str, includes: int) -> tuple[list[_Row], str]:
+    """What ArduPilot's `@include FILE` in line n adds: its rows, which others may replace, and in words.
+
+    Raises ParamsFileError, for what is read and is wrong.
+    """
+    found = _INCLUDE.fullmatch(line)
+    named = path.parent / found[1].strip("\"'") if found else None
+    inside = named is not None and named.resolve().is_relative_to(path.parent.resolve())
+    if named is None or not inside or not named.is_file():
+        lacks = " (it is not beside this file)" if found else ""
+        shown = plain(line, 40)
+        return [], f"line {n}: '{shown}' was not followed{lacks}: what it adds or changes is not known"
+    if not includes:
+        raise ParamsFileError(path, n, f"'{plain(line, 40)}': {_INCLUDES} files in one another are too many")
+    read = read_params(named, finite=False, includes=includes - 1)
+    rows = [_Row(n, name, repr(value), -1) for name, value in read.params.items()]
+    return rows, "; ".join([f"line {n}: {plain(found[1], 40)} was read too" if found else "", *read.notes])
 
 
 def _script(lines: list[tuple[int, str]]) -> tuple[list[_Row], list[str]]:
@@ -220,10 +251,6 @@ def _list(
             continue
         if match is None or not fields:
             heading = not split and re.split(r"[,;\t ]", body)[0].upper() in _HEADING
-            if body.startswith("@"):
-                notes.append(
-                    f"line {n}: '{plain(body, 40)}' was not followed: what it adds or changes is not known"
-                )
             if console or not body or body.startswith("@") or heading:
                 continue
             raise ParamsFileError(path, n, f"NAME,VALUE is expected, found '{plain(body, 40)}'")

@@ -52,14 +52,13 @@ def vehicle_and_table(name: str) -> tuple[Any, dict[str, float]]:
     return vehicle, dict(report_px4(vehicle, "fitted").params)
 
 
-def lost_at_speed(pair: Any, pairs: Any, hover: Any, rotor: int, loss: float) -> float:
-    """What a motor that turns by sqrt(1 - loss) of its speed loses of its thrust, in hover."""
+def lost_at_speed(pair: Any, pairs: Any, hover: Any, rotor: int, loss: float) -> dict[int, float]:
+    """What a motor that turns by sqrt(1 - loss) of its speed takes of the thrusts of its pair, in hover."""
     slow = hover.copy()
     slow[rotor] *= np.sqrt(1.0 - loss)
     upper, lower = next(p for p in pairs if rotor in p)
-    surface = 0 if rotor == upper else 2
-    before, after = (pair.loads(u[upper], u[lower])[surface] for u in (hover, slow))
-    return float(1.0 - after / before)
+    before, after = (pair.loads(u[upper], u[lower]) for u in (hover, slow))
+    return {k: float(1.0 - after[s] / before[s]) for k, s in ((upper, 0), (lower, 2))}
 
 
 def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, dict, Callable[[], dict]]:
@@ -114,7 +113,8 @@ def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, 
     made = make_design(body, read_pair(rotor_file), table)
     if truth["law"] == "weak_motor":
         hover, pairs = made.hover_command, vehicle.declared.pairs
-        truth["loss"] = lost_at_speed(made.pair, pairs, hover, truth["rotor"] - 1, truth["loss"])
+        gone = lost_at_speed(made.pair, pairs, hover, truth["rotor"] - 1, truth["loss"])
+        truth |= {"loss": gone[truth["rotor"] - 1], "gone": {k + 1: x for k, x in gone.items()}}
     world = FlightWorld(tuple(effects), int(random.integers(1_000_000)), plan, SECONDS - 5.0)
 
     def columns(world: Any) -> dict:
@@ -171,6 +171,11 @@ def judged_alone(count: int, seed: int, kinds: tuple[str, ...], flown: bool = Fa
             first = h.suspects[0]
             own = next((s for s in h.suspects if s.rotor == truth["rotor"]), first)
             began = getattr(first, "onset_s", None)
+            others = [r.number for r in body.rotors if r.number != truth["rotor"]]
+            shown = {r.rotor: r.thrust for r in h.flights[-1].rotors}
+            gone = truth.get("gone") or {truth["rotor"]: truth["loss"]}
+            true = {n: 1.0 - gone.get(n, 0.0) for n in shown}
+            held = {n: bool(shown[n].low <= true[n] <= shown[n].high) for n in shown}
             rows.append(
                 truth
                 | {
@@ -178,6 +183,9 @@ def judged_alone(count: int, seed: int, kinds: tuple[str, ...], flown: bool = Fa
                     "named": first.rotor == truth["rotor"],
                     "share": own.probability,
                     "inside": bool(own.loss.low <= truth["loss"] <= own.loss.high),
+                    "shown": [round(x, 3) for x in shown.get(truth["rotor"], ())],
+                    "held": held.get(truth["rotor"], True),
+                    "others": [sum(held[n] for n in others), len(others)],
                     "found": [round(x, 3) for x in own.loss],
                     "kind": getattr(own, "kind", ""),
                     "late_s": began.value - truth["onset_s"] if began else None,

@@ -54,6 +54,8 @@ def airframe(
         if connect
         else None
     )
+    for note in board.notes if board else ():
+        say(f"note: {note}")
     findings = report(frame, model, board, picture, json_file, differs=True)
     wrong = sum(f.severity == "error" for f in findings)
     if wrong:

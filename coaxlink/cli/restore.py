@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from coaxlink.cli.shared.line import vehicle_at
-from coaxlink.cli.shared.shell import JsonOption
+from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.cli.upload import (
     BackupOption,
     ConnectOption,
@@ -56,6 +56,8 @@ def restore(
         )
     files.refuse_unwritable(json_file)
     saved = read_backup(backup)
+    for line in saved.read:
+        say(f"note: {line}")
     with vehicle_at(
         connect, timeout_s=timeout, system=system, signing_key=signing_key, station=True
     ) as session:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import RAD_S_PER_RPM, STANDARD_DENSITY_KG_M3
-from coaxlink.data.aliases import OWN_COLUMNS, PAIR, QUANTITIES, words_of
+from coaxlink.data.aliases import OWN_COLUMNS, PAIR, QUANTITIES, SIDES, words_of
 from coaxlink.data.averaging import conditions
 from coaxlink.data.lines import read_lines
 from coaxlink.data.samples import Samples
@@ -133,13 +133,8 @@ def _at(log: Samples, voltage_V: float | None) -> Samples:
 
 
 def _of_log(log: Samples, origin: Origin) -> SingleTable:
-    """A maker's sheet, a stand's log of one rotor, or its rows in which the lower one stands."""
-    if log.has("lower_rpm"):
-        log = log.take(log["lower_rpm"] <= STANDS_STILL * max(float(log["lower_rpm"].max()), 1.0))
-    if not log.rows:
-        raise InputError(
-            log.source, "", "a table of one rotor is expected, found two that turn: identify LOG"
-        )
+    """A maker's sheet, a stand's log of one rotor, or its rows in which the other one stands."""
+    log = _alone(log)
     if not log.has("upper_thrust_N"):  # one cell under the pair, of which the upper one alone turns
         own = {f"upper_{s}": log[f"{PAIR}_{s}"] for s in _LOADS if log.has(f"{PAIR}_{s}")}
         log = log.with_columns(**{n: x * (float(np.sign(np.nanmedian(x))) or 1.0) for n, x in own.items()})
@@ -161,6 +156,33 @@ def _of_log(log: Samples, origin: Origin) -> SingleTable:
         log["upper_rpm"], log["upper_thrust_N"], column("upper_torque_Nm"), power, origin, log.source,
         None if volts is None else float(np.median(volts)), log.notes, log.lines,
     )  # fmt: skip
+
+
+def _alone(log: Samples) -> Samples:
+    """The rows in which the lower rotor stands still; where the upper one never turns in them, those in which
+    the upper one does, the lower one's loads as the upper's.
+
+    Raises InputError where neither turns alone.
+    """
+    if not log.has("lower_rpm"):
+        return log
+    speeds = {
+        side: log[f"{side}_rpm"] if log.has(f"{side}_rpm") else 0.0 * log["lower_rpm"] for side in SIDES
+    }
+    least = STANDS_STILL * max(float(np.nanmax(speed, initial=0.0)) for speed in speeds.values())
+    turns = {side: speed > least for side, speed in speeds.items()}
+    for side, other in (SIDES, SIDES[::-1]):
+        if (turns[side] & ~turns[other]).any():
+            own = log.take(~turns[other]).without(*(n for n in log.columns if n.startswith(f"{other}_")))
+            if side == "upper":
+                return own
+            moved = {n: f"upper_{n.removeprefix('lower_')}" for n in own.columns if n.startswith("lower_")}
+            note = "the lower rotor turns alone in it"
+            return (
+                own.with_columns(**{new: own[n] for n, new in moved.items()}).without(*moved).with_notes(note)
+            )
+    found = "two that turn: identify LOG" if turns["upper"].any() else "none that turns"
+    raise InputError(log.source, "", f"a table of one rotor is expected, found {found}")
 
 
 def _uiuc(path: Path, diameter_m: float) -> SingleTable:
@@ -265,6 +287,6 @@ def _refuse_merit(table: SingleTable, diameter_m: float, fast: NDArray[np.bool_]
         found = f"{table.thrust_N[row]:.4g} N for {power[row]:.4g} W ({what})"
         problem = (
             f"{found} is a figure of merit of {merit:.2g}; a propeller of {diameter_m:g} m has {low:g} to "
-            f"{high:g}: is the row, a unit or `diameter_m` wrong?"
+            f"{high:g}: is the row, a unit or `diameter_m` wrong? (a map leaves a wrong column out)"
         )
         raise InputError(table.source, table.place(row), problem)

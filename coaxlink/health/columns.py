@@ -62,6 +62,7 @@ class Flight(Rows):
 
     yaw_push: Block  # a torque of weight x arm about yaw
     loads: Array  # (rows, 4, N, 3) what each rotor's loss adds: of thrust, of torque, of speed as thrust
+    slowed: Array  # (2, N, N) share of its thrust, torque that each rotor gains by each that turns slower
     cutoff_hz: float  # of the rows' low-pass
 
     @property
@@ -160,7 +161,8 @@ def _flight(frame: FlightFrame) -> Flight:
     unit = np.eye(len(body.rotors))
     thrust = np.stack([body.body_loads(frame.thrust * e, none) for e in unit], axis=-1)
     torque = np.stack([body.body_loads(none, frame.torque * e) for e in unit], axis=-1)
-    loads = rows_of(frame, np.stack([-thrust, -torque, _slower(frame)], axis=-1))
+    slower, slowed = _slower(frame)
+    loads = rows_of(frame, np.stack([-thrust, -torque, slower], axis=-1))
     own = [
         Block("thrust", -loads[..., 0], np.full(len(unit), THRUST_SPECIMEN)),
         Block("torque", -loads[..., 1], np.full(len(unit), TORQUE_SPECIMEN)),
@@ -173,6 +175,7 @@ def _flight(frame: FlightFrame) -> Flight:
         passing=tuple(passing(frame)),
         yaw_push=_block(frame, "yaw_push", DISTURBED, push),
         loads=loads,
+        slowed=slowed,
         time_s=frame.time_s[frame.keep],
         cutoff_hz=frame.cutoff_hz,
         least=least_noise(frame),
@@ -214,20 +217,27 @@ def passing_events(rest: Array, time_s: Array) -> NDArray[np.bool_]:
     return near if np.mean(near) < MOST_EVENTS else np.zeros(len(time_s), bool)
 
 
-def _slower(frame: FlightFrame) -> Array:
-    """(rows, 6, N) added by each motor that turns slower, for all of its thrust at the slope it begins with.
+def _slower(frame: FlightFrame) -> tuple[Array, Array]:
+    """(rows, 6, N) added by each motor that turns slower, for all of its thrust at the slope it begins with;
+    (2, N, N) shares of thrust and torque that each rotor (rows) then has more, in the mean.
 
     The other rotor of its pair is loaded or unloaded as the model's own derivatives say.
     """
-    columns = []
+    columns, shares = [], []
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[frame.keep].mean(axis=0))
+
     for i in range(frame.speeds.shape[1]):
         speeds = frame.speeds.copy()
         speeds[:, i] *= 1.0 - SMALL
         slowed = frame.turning_at(speeds)
-        lost = float(np.sum((frame.thrust - slowed.thrust)[frame.keep, i]))
-        whole = float(np.sum(frame.thrust[frame.keep, i])) / lost if lost > 0.0 else 0.0
+        lost = float(mean(frame.thrust - slowed.thrust)[i])
+        whole = float(mean(frame.thrust)[i]) / lost if lost > 0.0 else 0.0
         columns.append(whole * (slowed.predicted - frame.predicted))
-    return np.stack(columns, axis=-1)
+        both = ((frame.thrust, slowed.thrust), (frame.torque, slowed.torque))
+        shares.append([whole * mean(now - own) / np.maximum(mean(own), 1e-12) for own, now in both])
+    return np.stack(columns, axis=-1), np.moveaxis(np.array(shares), 0, -1)
 
 
 def least_noise(frame: FlightFrame) -> Array:

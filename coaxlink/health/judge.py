@@ -25,7 +25,7 @@ from coaxlink.health.priors import GROUND, LIFT_TODAY, MATTERS, TORQUE_WITH_THRU
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 from coaxlink.residual.result import Suspect
 
-SLIGHT = 1e-3  # probability: of a rotor that is this little in doubt the table says nothing of a fault
+SLIGHT = 1e-3  # of all explanations: a less likely one moves no interval
 
 
 class Interval(NamedTuple):
@@ -230,13 +230,14 @@ def _set_in(found: Comparison, flight: int, rotor: int) -> Onset | None:
     onsets, last = found.onsets[flight], len(found.flights)
     here = sum(found.faults[flight, k][0, :, rotor].sum(axis=1) for k in range(flight + 1, last + 1))  # (R,)
     best = onsets[int(np.argmax(here))]
-    return best if best.start_s is not None and here.sum() > 0.5 * _failed(found, flight)[rotor] else None
+    late = here.sum() > 0.5 * _failed(found, flight)[rotor].sum()
+    return best if best.start_s is not None and late else None
 
 
 def _failed(found: Comparison, flight: int) -> Array:
-    """(N,) probability that a rotor has a fault, however small, at a flight's end."""
-    there = [m[0].sum(axis=(0, 2)) for (since, until), m in found.faults.items() if since <= flight < until]
-    return np.asarray(np.clip(np.sum(there, axis=0), 0.0, 1.0))
+    """(N, kinds) probability that a rotor has a fault of a kind, however small, at a flight's end."""
+    there = [m[0].sum(axis=0) for (since, until), m in found.faults.items() if since <= flight < until]
+    return np.asarray(np.sum(there, axis=0))
 
 
 @dataclass(frozen=True)
@@ -248,22 +249,27 @@ class _Ends:
     weight: float
 
 
-def _ends(found: Comparison, number: int, failed: int | None, weight: float) -> _Ends:
-    f, count, blade = found.flights[number], found.flights[number].loads.shape[2], LOADS[0]
+def _ends(found: Comparison, number: int, failed: tuple[int, int] | None, weight: float) -> _Ends:
+    """If this rotor failed, in this way (`hypotheses.KINDS`)."""
+    f, count = found.flights[number], found.flights[number].loads.shape[2]
     unit, losses, p = np.eye(count), [], found.best
     if failed is not None:
-        onset = _set_in(found, number, failed)
+        rotor, kind = failed
+        onset = _set_in(found, number, rotor)
         share = onset.time_profile(f.time_s, f.cutoff_hz) if onset else np.ones(len(f.time_s))
-        losses = [lost(f, failed, blade, share)]
+        losses = [lost(f, rotor, LOADS[kind], share)]
     aboard = {0: p.blocks(f)} if isinstance(p, Payload) and p.flight == number else {}
     fit = together([f], aboard, [losses]).fit
     # (2, N, columns) that are a gain at the flight's end: those that last, and the loss
-    ends = [
-        np.hstack([own, -np.outer(unit[failed], blade[q])] if failed is not None else [own])
-        for q, own in enumerate((np.hstack([unit, 0 * unit]), np.hstack([0 * unit, unit])))
-    ]
+    ends = [np.hstack([unit, 0 * unit]), np.hstack([0 * unit, unit])]
+    if failed is not None:  # a blade takes its own loads, a motor that turns slower changes its pair's
+        blade, motor = LOADS[kind][:2], LOADS[kind][2]
+        ends = [
+            np.hstack([own, np.outer(f.slowed[q][:, rotor], motor) - np.outer(unit[rotor], blade[q])])
+            for q, own in enumerate(ends)
+        ]
     at_end = np.pad(ends, ((0, 0), (0, 0), (len(fit.values) - ends[0].shape[1], 0)))
-    others = np.ones(count) if failed is None else 1.0 - unit[failed]
+    others = np.ones(count) if failed is None else 1.0 - unit[rotor]
     apart = at_end - np.einsum("n,qnk->qk", others / others.sum(), at_end)[:, None]
     return _Ends(apart @ fit.values, np.einsum("qnk,kl,qml->qnm", apart, fit.covariance, apart), weight)
 
@@ -271,20 +277,27 @@ def _ends(found: Comparison, number: int, failed: int | None, weight: float) -> 
 def _of_flight(
     found: Comparison, number: int, name: str, numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> FlightHealth:
-    """Every rotor's gains at one flight's end as the verdict has them: if each rotor, or none, failed, as
-    probable as that is, less what the others have in common: the pack's and the air's. What was aboard is as
-    is likeliest."""
-    f, chance = found.flights[number], _failed(found, number)
-    may = [None, *np.flatnonzero(chance > SLIGHT)]
-    weights = np.array([max(1.0 - float(chance.sum()), SLIGHT), *chance[chance > SLIGHT]])
-    cases = [_ends(found, number, i, w) for i, w in zip(may, weights / weights.sum(), strict=True)]
+    """Every rotor's gains at one flight's end, if it or another or none failed, less what the others have in
+    common: the pack's and the air's. What was aboard is as is likeliest.
+
+    Each of these counts by the flights' evidence alone: how rare faults are tells a fleet, and no interval
+    of a rotor that lost something and is not distinguished from sound ones would hold that.
+    """
+    chance = _failed(found, number)
+    prior = FAULT_ODDS * (number + 1) / len(found.flights) / chance.size  # of a fault by then, each
+    sound = max(1.0 - float(chance.sum()), 0.0) / (1.0 - FAULT_ODDS)
+    evidence = np.concatenate([[sound], chance.ravel() / prior / chance.shape[1]])
+    weights = evidence / evidence.sum()
+    may = [None, *np.ndindex(*chance.shape)]
+    cases = [_ends(found, number, i, w) for i, w in zip(may, weights, strict=True) if w > SLIGHT]
 
     def interval(of: Array, quantity: int) -> Interval:
         """The moments of all cases together."""
+        total = sum(c.weight for c in cases)
         means = [float(of @ c.mean[quantity]) for c in cases]
-        mean = float(sum(c.weight * m for c, m in zip(cases, means, strict=True)))
+        mean = float(sum(c.weight * m for c, m in zip(cases, means, strict=True))) / total
         variance = sum(
-            c.weight * (float(of @ c.covariance[quantity] @ of) + (m - mean) ** 2)
+            c.weight / total * (float(of @ c.covariance[quantity] @ of) + (m - mean) ** 2)
             for c, m in zip(cases, means, strict=True)
         )
         half = NORMAL_95 * float(np.sqrt(float(variance)))
@@ -298,6 +311,7 @@ def _of_flight(
         )
         for i, n in enumerate(numbers)
     )
+    f = found.flights[number]
     lift = np.abs(f.loads[:, 0, :, 0]).sum(axis=0)
     share = {(a, b): lift[a] / max(lift[a] + lift[b], 1e-300) for a, b in pairs}
     both = tuple(

@@ -31,12 +31,15 @@ from coaxlink.premises.moves import HOW, MEASURES, UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
 from coaxlink.residual.channels.flight import flight_frame, flown, reduce_columns
 from coaxlink.residual.faults.inputs import Inputs, checked
+from coaxlink.residual.faults.speeds_apart import changed_speed
 from coaxlink.residual.refine import vehicle_differs
 from coaxlink.residual.result import Suspect
 from coaxlink.vehicle import Vehicle
 
 FELT = 0.01  # of the reference load, judgement: less moves no load in hover by its interval
 RPM_FIT = "by a log whose rpm go with the commands, or without its rpm columns"
+WHICH = " (coaxlink health tells which rotor is weak)"
+OFF_OR_FAILS = "the ESC's reading is off, or the motor fails"
 SEVERAL = 2.0  # times, judgement: what an error adds is then more than all else (squares add up)
 
 
@@ -169,8 +172,12 @@ def speeds_contradict(frame: FlightFrame, log: Samples, vehicle: Vehicle) -> Ite
     if not has_speeds(log, body):
         return
     if off := apart(speed_ratios(log, body, model)):
-        why = f"{turning_words(off)}: the ESC's reading is off, or the motor fails"
-        yield NotJudged("rpm", f"{RPM_FIT} (coaxlink health tells which rotor is weak)", why)
+        yield NotJudged("rpm", RPM_FIT + WHICH, f"{turning_words(off)}: {OFF_OR_FAILS}")
+        return
+    if changed := changed_speed(log, [r.number for r in body.rotors]):
+        name, moment = changed
+        why = f"from {moment:.1f} s on it goes otherwise with its command: {OFF_OR_FAILS}"
+        yield NotJudged(name, RPM_FIT + WHICH, why)
         return
     turned = flight_frame([by_speed(log, body, model)], body, model.by_speed())
     turns, asked = _moves(turned), _moves(frame)

@@ -82,8 +82,8 @@ def remarks(health: Health) -> Iterator[str]:
         yield "a sound flight before this one (health OLD NEW) tells far more"
     yield (
         f"by that chance: sound below {100 * WATCH:.0f} %, watch, ground it from {100 * GROUND:.0f} % on; "
-        "shares are of the model's load at the commanded speeds, at a flight's end, as probable as the "
-        "verdict has each rotor's fault, after what the others have in common"
+        "shares are of the model's load at the commanded speeds, at a flight's end, after what the others "
+        "have in common; intervals are what the flights tell, chances count how rare faults are"
     )
 
 

@@ -71,6 +71,12 @@ def pair_sum(samples: Samples, speed_max_rpm: float | None = None) -> PairSum:
     """The sums over both speeds. Raises InputError where the log has no speeds of both rotors, or too few."""
     read, samples = samples, conditions(samples)
     speeds = normalised_speeds(samples, speed_max_rpm)
+    still = [side for side, u in zip(SIDES, (speeds.upper, speeds.lower), strict=True) if np.all(u <= STANDS)]
+    if still:
+        problem = (
+            f"rows in which both rotors turn are expected: the {still[0]} one stands still in all of them"
+        )
+        raise InputError(samples.source, "", problem)
     if samples.rows < FEWEST_ROWS or np.ptp(speeds.upper) <= 0 or np.ptp(speeds.lower) <= 0:
         found = f"{samples.rows} rows{samples.rows_lost()}"
         raise InputError(

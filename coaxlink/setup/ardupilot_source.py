@@ -15,7 +15,7 @@ from coaxlink.setup.sources import frame_layout
 from firmware_params.ardupilot import scripts
 from firmware_params.ardupilot.frames import FRAME_NAMES, OTHER_CLASSES, frame_of
 from firmware_params.ardupilot.owners_script import own_matrix
-from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS, SURFACES
+from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS, SURFACES, other_vehicle
 from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Factors
 from firmware_params.errors import TableError
 
@@ -32,6 +32,8 @@ def ardupilot_layout(
 
     `script` reads the script. Raises InputError where the frame is not one that rotors alone steer.
     """
+    if other := other_vehicle(params):
+        raise InputError(source, "", f"parameters of {other}: a multirotor (ArduCopter) is expected")
     plane = "FRAME_CLASS" not in params and "Q_FRAME_CLASS" in params
     prefix = "Q_" if plane else ""
     if f"{prefix}FRAME_CLASS" not in params:
@@ -51,6 +53,9 @@ def ardupilot_layout(
         notes.append(f"{prefix}FRAME_TYPE stands nowhere: X (1), ArduCopter's default, is taken")
     given = {n: f for n in range(1, _OUTPUTS + 1) if (f := params.get(f"SERVO{n}_FUNCTION")) is not None}
     surfaces = [f"SERVO{n}_FUNCTION {f:g} ({SURFACES[int(f)]})" for n, f in given.items() if f in SURFACES]
+    if surfaces and not outputs:
+        problem = f"no output drives a motor ({', '.join(surfaces[:4])}): a multirotor is expected"
+        raise InputError(source, where, problem)
     if surfaces:
         notes.append(f"outputs that drive no rotor: {', '.join(surfaces)}")
     doubled = None

@@ -57,6 +57,7 @@ class Backup:
     files: Mapping[str, bytes] = field(default_factory=dict)  # by name
     proved: bool = False  # by its checksum: nobody changed it since it was written
     note: Note | None = None  # None: written by a coaxlink that noted nothing
+    read: tuple[str, ...] = ()  # what was assumed in reading it, in words
 
 
 def _reserved(folder: Path, identity: Identity, suffix: str) -> Path:
@@ -154,7 +155,7 @@ def read_backup(path: Path) -> Backup:
     params, lines = read.params, read.header
     head = dict(line.split(": ", 1) for line in lines if ": " in line)
     if _TITLE not in lines:
-        return Backup(path, params, read.types, "", read.firmware, "")
+        return Backup(path, params, read.types, "", read.firmware, "", read=read.notes)
     if "Count" not in head:
         raise InputError(path, "", "a coaxlink backup without its line '# Count:': it was cut")
     if head["Count"] != str(len(params)):

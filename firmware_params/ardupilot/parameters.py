@@ -7,6 +7,7 @@ int8 becomes 127).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -67,6 +68,32 @@ SURFACES = {  # SERVOn_FUNCTION of what is no motor of a multirotor (SRV_Channel
     75: "tilt", 76: "tilt", 77: "elevon", 78: "elevon", 79: "V-tail", 80: "V-tail",
     86: "differential spoiler", 87: "differential spoiler",
 }  # fmt: skip
+
+# names that ArduCopter has not and another of ArduPilot's firmwares has (Parameters.cpp of each, 4.5): their
+# FRAME_CLASS has other meanings, or stands nowhere
+_OTHERS = {
+    "a rover or boat": r"CRUISE_(SPEED|THROTTLE)|PILOT_STEER_TYPE|MODE(_CH|[1-6])|ATC_(STR|SPEED)_.*",
+    "a submarine": r"FRAME_CONFIG|SURFACE_DEPTH|JS_(GAIN|LIGHTS|THR)_.*|BTN\d+_.*|FS_LEAK_ENABLE",
+    "a blimp": r"FINS_.*|(VEL|POS)(XY|YAW)_.*",
+    "an antenna tracker": r"SERVO_(PITCH|YAW)_TYPE",
+    "a plane": r"(RLL|PTCH)2SRV_.*|LIM_ROLL_CD|ROLL_LIMIT_DEG|TRIM_ARSPD_CM|AIRSPEED_(MIN|MAX|CRUISE)",
+}
+
+
+def other_vehicle(params: Mapping[str, float]) -> str:
+    """Whose parameters these are, where ArduCopter's are not, and a name that tells; "" where none does.
+
+    A quadplane with its lift motors on is a plane that hovers, and no other.
+
+    >>> other_vehicle({"FRAME_CLASS": 1, "CRUISE_THROTTLE": 50, "MODE_CH": 8})
+    'a rover or boat (CRUISE_THROTTLE, MODE_CH)'
+    """
+    hovers = bool(params.get("Q_ENABLE", "Q_FRAME_CLASS" in params))
+    for kind, marks in _OTHERS.items():
+        found = [name for name in params if re.fullmatch(marks, name)]
+        if found and not hovers:
+            return f"{kind} ({', '.join(found[:2])})"
+    return ""
 
 
 def motor_range(params: Mapping[str, float]) -> tuple[float, float] | None:

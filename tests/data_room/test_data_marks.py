@@ -116,6 +116,14 @@ def test_outputs_that_drive_surfaces_are_no_motors(tmp_path: Path) -> None:
         read_flight_log(path)
 
 
+def test_the_log_of_a_rover_whose_outputs_are_called_motors_is_none_of_ours(tmp_path: Path) -> None:
+    path = tmp_path / "rover.bin"
+    first = next(m for m in rows() if m[0] == "PARM")
+    path.write_bytes(as_binary([(*first[:2], "CRUISE_SPEED", 2.0), *rows()]))
+    with pytest.raises(InputError, match=r"the log of a rover or boat .*: a multirotor's is expected"):
+        read_flight_log(path)
+
+
 def test_motors_without_a_range_run_as_the_radio_s_throttle(tmp_path: Path) -> None:
     path = tmp_path / "f.bin"
     with case_table() as case:

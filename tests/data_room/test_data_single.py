@@ -6,7 +6,9 @@ import pytest
 from case_table import case_table
 
 from coaxlink.data.single import read_single_table
+from coaxlink.data.stand import read_stand_log
 from coaxlink.errors import InputError
+from coaxlink.rotor.pair_sum import pair_sum
 
 DIAMETER_M = 0.66
 RPM = range(1000, 5001, 500)
@@ -88,3 +90,28 @@ def test_the_pairs_cell_is_the_upper_rotors_where_the_lower_one_stands(tmp_path:
     head = "Time (ms),Top Motor Speed (rpm),Bottom Motor Speed (rpm),Thrust (N)\n"
     path.write_text(head + "".join(f"{250 * i},{n},0,{t:.4f}\n" for i, (n, t, _) in enumerate(ROWS)))
     assert read_single_table(path, 0.381).thrust_N == pytest.approx([t for _, t, _ in ROWS], rel=1e-3)
+
+
+def test_the_rotor_that_turns_alone_is_the_table_whichever_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    head = "Time (ms),Top Motor Speed (rpm),Bottom Motor Speed (rpm),Thrust (N)\n"
+    with case_table() as case:
+        for sign in (1, -1):
+            with case(f"{sign}"):
+                path.write_text(
+                    head + "".join(f"{250 * i},0,{n},{sign * t:.4f}\n" for i, (n, t, _) in enumerate(ROWS))
+                )
+                read = read_single_table(path, 0.381)
+                assert read.rpm == pytest.approx([n for n, *_ in ROWS])
+                assert read.thrust_N == pytest.approx([t for _, t, _ in ROWS], rel=1e-3)
+                assert "the lower rotor turns alone in it" in read.notes
+        with case("both turn"):
+            path.write_text(
+                head + "".join(f"{250 * i},{n},{n},{t:.4f}\n" for i, (n, t, _) in enumerate(ROWS))
+            )
+            with pytest.raises(InputError, match="found two that turn"):
+                read_single_table(path, 0.381)
+        with case("a pair's model"):
+            path.write_text(head + "".join(f"{250 * i},0,{n},{t:.4f}\n" for i, (n, t, _) in enumerate(ROWS)))
+            with pytest.raises(InputError, match="the upper one stands still in all of them"):
+                pair_sum(read_stand_log(path))

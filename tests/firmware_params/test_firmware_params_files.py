@@ -115,3 +115,25 @@ def test_a_cut_file_and_another_file_are_refused():
             packed.unpack(BY_HAND[:cut])
     with pytest.raises(TableError, match="magic"):
         packed.unpack(b"not packed at all")
+
+
+def test_what_ardupilot_includes_is_read_within_its_folder_and_else_said(tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "common.parm").write_text("FRAME_CLASS 4\nFRAME_TYPE 0\n@include deeper.parm\n")
+    (tmp_path / "parts" / "deeper.parm").write_text("MOT_SPIN_MIN 0.1\n")
+    path = tmp_path / "board.parm"
+    path.write_text("@include parts/common.parm  # of all\nFRAME_TYPE 1\n")
+    read = read_params(path)
+    assert read.params == {"FRAME_CLASS": 4.0, "FRAME_TYPE": 1.0, "MOT_SPIN_MIN": pytest.approx(0.1)}
+    assert len(read.notes) == 1 and "parts/common.parm was read too" in read.notes[0]
+    path.write_text("FRAME_TYPE 1\n@include parts/common.parm\n")
+    assert read_params(path).params["FRAME_TYPE"] == 0.0  # the last line holds
+    for name in ("gone.parm", "../outside.parm", str(tmp_path / "parts" / "common.parm.bak"), "/etc/passwd"):
+        path.write_text(f"FRAME_CLASS 4\n@INCLUDE {name}\n")
+        assert "was not followed (it is not beside this file)" in read_params(path).notes[0]
+        path.write_text(f"@include {name}\n")  # and nothing else: why there is nothing
+        with pytest.raises(ParamsFileError, match=r"no parameters.*was not followed"):
+            read_params(path)
+    path.write_text("FRAME_CLASS 4\n@include board.parm\n")
+    with pytest.raises(ParamsFileError, match="8 files in one another"):
+        read_params(path)

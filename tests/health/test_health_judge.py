@@ -22,6 +22,10 @@ PLACE = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, -1], [1, 1], [-1, 1], 
 SPIN = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
 
 
+SLOWED = -np.eye(N)  # thrust of rows where columns turn slower
+SLOWED[[low for _, low in PAIRS], [up for up, _ in PAIRS]] = 0.4
+
+
 def slower(thrust, torque):
     """(rows, 4, N) of motors that turn slower: own loads gone, the rotor below gets better air."""
     out = -thrust - torque
@@ -71,6 +75,7 @@ def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, time_profile=
         ),
         yaw_push=block("yaw_push", push, 0.05),
         loads=np.stack([-thrust, -torque, slow], axis=-1),
+        slowed=np.stack([SLOWED, -np.eye(N)]),
         time_s=TIMES,
         cutoff_hz=4.0,
         least=1e-6 * noise,
@@ -121,6 +126,32 @@ def test_a_rotor_that_lost_a_tenth_is_named_with_the_flight_and_the_size():
                 assert first.loss.low < 0.1 < first.loss.high and first.loss.high - first.loss.low < 0.1
                 share = found.flights[2].rotors[rotor].thrust
                 assert share.low < 0.9 < share.high
+
+
+@pytest.mark.slow
+def test_the_tables_interval_holds_a_loss_that_is_not_told_from_none():
+    """One flight alone: nothing is called, and the rotor's share is within its interval all the same."""
+    for seed in range(12):
+        rng = np.random.default_rng(60 + seed)
+        rotor = seed % N
+        found = health(flight(rng, (rotor, 0.08, 0.07), cg=(0.004, -0.003), share=0.004))
+        assert found.verdict == "sound"
+        for k, rotor_health in enumerate(found.flights[0].rotors):
+            true = 1.0 - 0.08 * (k == rotor)
+            assert rotor_health.thrust.low < true < rotor_health.thrust.high, (seed, k)
+
+
+def test_the_share_of_a_motor_that_turns_slower_is_its_own_and_its_pairs():
+    """It takes less of its own air from the rotor below: no blade's loss is the half of it."""
+    for upper, lower in PAIRS[:2]:
+        rng = np.random.default_rng(70 + upper)
+        late = (TIMES - TIMES[0] > 20.0)[:, None].astype(float)
+        found = health(flight(rng, time_profile=late, weak=(upper, 0.15)))
+        assert found.suspects[0].rotor == upper + 1
+        shares = [r.thrust for r in found.flights[0].rotors]
+        common = 0.4 * 0.15 / (N - 1)  # of the others, and the rotor below is one of them
+        assert shares[upper].low < 0.85 - common < shares[upper].high < 0.95
+        assert shares[lower].low < 1.0 + 0.4 * 0.15 - common < shares[lower].high
 
 
 def test_a_payload_that_moved_is_no_rotor():

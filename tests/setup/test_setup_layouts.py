@@ -1,6 +1,7 @@
 """Layouts from frames, parameters and templates; what is missing is asked for, never guessed."""
 
 import math
+import re
 
 import pytest
 from case_table import case_table
@@ -288,3 +289,22 @@ def test_an_unusual_order_of_outputs_is_a_warning():
     px4 = px4_params(X8) | {f"PWM_MAIN_FUNC{n}": 109 - n for n in range(1, 9)}
     (finding,) = check_outputs(px4_layout(px4, "board"))
     assert "1 on MAIN 8" in finding.text
+
+
+def test_parameters_of_another_vehicle_are_no_frame_of_ours():
+    """FRAME_CLASS 1 is a quadcopter's of ArduCopter alone."""
+    with case_table() as case:
+        for params, said in (
+            ({"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0, "CRUISE_SPEED": 2.0}, "a rover or boat (CRUISE_SPEED)"),
+            ({"FRAME_CLASS": 1.0, "MODE1": 0.0, "SERVO1_FUNCTION": 33.0}, "a rover or boat (MODE1)"),
+            ({"FRAME_CLASS": 2.0, "SERVO1_FUNCTION": 73.0}, "no output drives a motor (SERVO1_FUNCTION 73"),
+            ({"FRAME_CONFIG": 1.0, "SYSID_THISMAV": 1.0}, "a submarine (FRAME_CONFIG)"),
+            ({"FRAME_CLASS": 1.0, "FINS_TURBO_MODE": 0.0}, "a blimp"),
+            ({"RLL2SRV_TCONST": 0.5, "SYSID_THISMAV": 1.0}, "a plane (RLL2SRV_TCONST)"),
+            ({"RLL2SRV_TCONST": 0.5, "Q_ENABLE": 0.0, "Q_FRAME_CLASS": 4.0}, "a plane"),
+        ):
+            with case(said), pytest.raises(InputError, match=re.escape(said)):
+                ardupilot_layout(params, "b.param")
+    quadplane = {"RLL2SRV_TCONST": 0.5, "Q_ENABLE": 1.0, "Q_FRAME_CLASS": 4.0, "Q_FRAME_TYPE": 1.0}
+    assert len(ardupilot_layout(quadplane, "b.param").mounts) == 8
+    assert len(ardupilot_layout({"FRAME_CLASS": 4.0, "SERVO9_FUNCTION": 7.0}, "b.param").mounts) == 8

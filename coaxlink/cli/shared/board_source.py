@@ -29,10 +29,13 @@ def layout_of_file(path: Path, script: Path | None = None, system: int | None = 
     from coaxlink.setup import ardupilot_layout, px4_layout
 
     found = read_board_parameters(path, telling=True, system=system)
-    if found.firmware == "px4":
-        layout = px4_layout(found.params, path.name)
-    else:
-        layout = ardupilot_layout(found.params, path.name, lambda: _script_beside(path, script))
+    try:
+        if found.firmware == "px4":
+            layout = px4_layout(found.params, path.name)
+        else:
+            layout = ardupilot_layout(found.params, path.name, lambda: _script_beside(path, script))
+    except InputError as error:
+        raise InputError(error.source, error.where, "; ".join([error.problem, *found.notes])) from error
     return replace(layout, notes=(*found.notes, *layout.notes))
 
 

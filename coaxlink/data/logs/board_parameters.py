@@ -39,7 +39,7 @@ def read_board_parameters(path: Path, *, telling: bool = False, system: int | No
         refuse_other_system(path, system, found.params)
     if telling and not found.firmware:
         problem = "neither FRAME_CLASS (ArduPilot) nor CA_* (PX4): whose parameters these are is not known"
-        raise InputError(path, "", problem)
+        raise InputError(path, "", "; ".join([problem, *found.notes]))
     return found
 
 

@@ -30,6 +30,7 @@ from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merg
 from coaxlink.data.logs.stretches import ONBOARD_S, Stream, cuts, each_stretch
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, PREMISES, Samples
 from coaxlink.errors import InputError
+from firmware_params.ardupilot.parameters import other_vehicle
 
 TYPES = (
     "MOUT", "RCOU", "RCO2", "RCO3", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "EKF1", "ATT", "BAT", "CURR",
@@ -62,6 +63,8 @@ def _between(log: Records, first: int, last: int) -> Records:
 def _flight(path: Path, log: Records) -> Samples:
     first, changes = _set(log.kinds.get("PARM"))
     parameters = first | _before_arming(changes, log.kinds.get("EV"))
+    if other := other_vehicle(parameters):
+        raise InputError(path, "", f"the log of {other}: a multirotor's is expected")
     messages = {n: _message(kept) for n, kept in log.kinds.items() if n not in ("PARM", "MSG")}
     if "MOUT" not in messages and (other := motorless(parameters)):
         raise InputError(path, "", f"no output of this log drives a motor ({other}): not this vehicle")

@@ -43,6 +43,7 @@ from coaxlink.data.logs.streams import (
 from coaxlink.data.logs.stretches import LATE_S, UNHEARD_S, Stream, cuts, each_stretch
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
+from firmware_params.ardupilot.parameters import other_vehicle
 
 ONLINE_BITS = 8  # of ESC_INFO
 EPOCH_US = 1e15  # a stamp above this counts from 1970, one below from boot
@@ -319,6 +320,8 @@ def _motors(
         time = ports[0]["time_s"]
         for rows, more in zip(ports[1:], values[1:], strict=True):
             values[0] |= {16 + n: np.interp(time, rows["time_s"], column) for n, column in more.items()}
+        if other := other_vehicle(parameters):
+            raise InputError(path, "", f"the log of {other}: a multirotor's is expected")
         if other := motorless(parameters):
             raise InputError(path, "", f"no output of this vehicle drives a motor ({other})")
         outputs = ardupilot_map(parameters)

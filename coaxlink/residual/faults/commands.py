@@ -15,6 +15,7 @@ import numpy as np
 from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
+from coaxlink.residual.faults.apart import COARSE_STEP
 from coaxlink.residual.faults.commands_apart import commands_apart
 from coaxlink.residual.faults.kinematics import flying_rows, step_of
 from coaxlink.residual.faults.mixer_demands import (
@@ -28,6 +29,7 @@ from coaxlink.residual.faults.mixer_demands import (
 )
 from coaxlink.residual.faults.repeats import is_fine
 from coaxlink.residual.faults.silent_speeds import STUCK_S, speed_faults
+from coaxlink.residual.faults.speeds_apart import speeds_apart
 from coaxlink.residual.faults.states import Finding, Mask, runs_of
 
 LIMITS = ("MOT_SPIN_MIN", "MOT_SPIN_MAX")  # of ArduPilot; PX4's outputs end where a command is 0 or 1
@@ -52,11 +54,13 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
         for run in runs[name]:
             a, b, _ = run
             beside = [j for j, other in enumerate(names) if j != k and held[other][a:b].mean() < 0.5]
+            usable = free & ~held[name] & ~np.any([held[names[j]] for j in beside], axis=0)
             if len(beside) < DEMANDS:  # all at once
                 fine = is_fine(log[name], steps[name]) and b - a > STUCK_S / step_of(log)
                 against = np.inf if fine else 0.0
+            elif usable.sum() < LEAST_ROWS:  # it never moves
+                against = np.inf if np.ptp(commands[a:b, beside], axis=0).min() > COARSE_STEP else 0.0
             else:
-                usable = free & ~held[name] & ~np.any([held[names[j]] for j in beside], axis=0)
                 design = design_of(commands[:, beside], usable)
                 against = away(commands[:, k], design, usable, a + np.flatnonzero(~limited[a:b]), steps[name])
             if is_no_reading(against, run):
@@ -64,10 +68,14 @@ def command_faults(log: Samples, rotors: Sequence[int]) -> Iterator[Finding]:
     for name, rows in found.items():
         yield name, rows, "one command repeats exactly while the others move: it is no reading there"
     usable = free & ~np.any(list(held.values()), axis=0)
-    yield from commands_apart(log, names, commands, usable)
+    apart = list(commands_apart(log, names, commands, usable))
+    yield from apart
     for k, n in enumerate(rotors):
         if log.has(f"rpm{n}"):
             yield from speed_faults(log, f"rpm{n}", commands[:, k], flying, flying & ~held[names[k]])
+    sound = [k for k, name in enumerate(names) if name not in {column for column, *_ in apart}]
+    usable = flying & ~np.any(list(held.values()), axis=0)
+    yield from speeds_apart(log, [rotors[k] for k in sound], commands[:, sound], usable)
 
 
 def _limits(log: Samples, commands: Array, flying: Mask) -> set[float]:

@@ -21,6 +21,7 @@ from coaxlink.data.resolution import is_coarse, resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
 from coaxlink.residual.channels.flight import reduce_columns
+from coaxlink.residual.faults.apart import rounded
 from coaxlink.residual.faults.chain import settled
 from coaxlink.residual.faults.kinematics import (
     ACCEL,
@@ -62,6 +63,7 @@ LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
 KNOWN_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
+KNOWN_BY |= dict.fromkeys(("roll", "pitch", "yaw"), "gyros")
 EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
 
 
@@ -88,9 +90,21 @@ def column_faults(log: Samples) -> list[Finding]:
             why = f"it reads no further than {limit:.3g}, again and again: the sensor is at its limit"
             found.append((name, log[name] == limit, why))
     gone = np.logical_or.reduce([copied, *(rows for _, rows, _ in found)])
+    found += _rounded(log)
     if len(kin.first) >= LEAST_WINDOWS:
         found += _Judged.of(kin, ~kin.touches(gone)).chained(log.rows)
     return [*found, *_voltage(log)]
+
+
+def _rounded(log: Samples) -> Iterator[Finding]:
+    """The axis of a sensor that moves in far larger steps than its others."""
+    flying = flying_rows(log)
+    for names, finest in ((ACCEL, FINEST[0]), (GYRO, FINEST[3]), (VELOCITY, FINEST[0])):
+        values = np.stack([log[name] for name in names], axis=1)
+        if coarse := rounded(names, values, flying, matters=float(finest)):
+            name, step, others = coarse
+            why = f"it moves in steps of {step:.2g}, its other axes in {others:.1g}: rounded"
+            yield name, np.ones(log.rows, bool), why
 
 
 def _held(log: Samples) -> dict[str, Mask]:
@@ -164,7 +178,7 @@ class _Judged:
         won[~usable] = 0.0
 
         def borne_out(k: int, mine: Mask) -> Mask | None:
-            # labels are exchanged, and angles reversed, from the first row on: seen wherever it moves
+            # labels are exchanged from the first row on: seen wherever it moves
             whole = found[k][0] in SHARE or mine.sum() > 0.5 * usable.sum()
             gained = float(won[mine, k].sum()) - len(runs_of(mine)) * BEGINS
             return mine if whole and gained > max(SURE, SLIGHT * mine.sum()) else None
@@ -196,24 +210,22 @@ class _Judged:
         roll, pitch, _ = ANGLES
         there = self.kin.misses(**{roll: log[pitch], pitch: log[roll]})
         yield f"{roll}, {pitch}", EXCHANGED, there
-        for name in ANGLES:
-            why = "it goes against what the gyros tell: its sign is wrong"
-            yield name, why, self.kin.misses(**{name: -log[name]})
         sigma = noise_of(self.sound[usable])
         off = usable & np.any(np.abs(self.sound) > 3.0 * sigma, axis=1)
-        for name, twice in self.linear.scales.items():
+        for name in (*self.linear.scales, *ANGLES):
             for at in (usable, off):
                 times = self.linear.scale(name, self.misses, sigma, at) if at.any() else 1.0
                 if SHARE[name][0] <= 1.0 / times <= SHARE[name][1]:
                     continue
-                determined, what = (
-                    KNOWN_BY[name.split("_")[0]],
-                    "scale, zero or unit" if times > 0.0 else "sign",
-                )
-                why = (
-                    f"it reads {1.0 / times:.3g} times what the {determined} would have: its {what} is wrong"
-                )
-                yield name, why, self.misses + (times - 1.0) * twice
+                by, what = KNOWN_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
+                why = f"it reads {1.0 / times:.3g} times what the {by} would have: its {what} is wrong"
+                yield name, why, self._scaled(name, times)
+
+    def _scaled(self, name: str, times: float) -> Array:
+        """(windows, 7) misses with a column times so much."""
+        if name in ANGLES:
+            return self.kin.misses(**{name: times * np.unwrap(self.kin.columns[name])})
+        return self.misses + (times - 1.0) * self.linear.scales[name]
 
 
 def _proven(kin: Kinematics, name: str, held: Mask) -> Mask:

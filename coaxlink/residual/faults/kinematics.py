@@ -35,7 +35,7 @@ FINEST = np.array([0.1, 0.1, 0.1, 0.01, 0.01, 0.01, 0.1])
 COARSE = 0.1  # of that: mg and mrad/s, as autopilots send them
 # of a sensor's reading: an accelerometer that was never calibrated has 3 % of scale and 2 % for its zero
 # (MPU-6000); uneven ground and a slow barometer change a height by more, no unit but the metre by so little
-SHARE = dict.fromkeys((*ACCEL, *GYRO, *VELOCITY), (0.95, 1.05)) | {HEIGHT: (0.1, 2.0)}
+SHARE = dict.fromkeys((*ACCEL, *GYRO, *VELOCITY, *ANGLES), (0.95, 1.05)) | {HEIGHT: (0.1, 2.0)}
 UPRIGHT = 0.1  # cosine: nearer to the vertical these angles say nothing
 REWEIGHTINGS = 4  # effort
 
@@ -170,6 +170,7 @@ class Linear:
 
     zeros: Array  # (windows, 7, K) of a unit each
     scales: dict[str, Array]  # (windows, 7) of a reading twice as large
+    angles: dict[str, Array]  # (windows, 7) likewise of an angle, but for what it turns
     exchanges: dict[str, Array]  # (windows, 7) of two columns in one another's place
     usable: Mask  # (windows,) that fits go by
 
@@ -186,7 +187,7 @@ class Linear:
         Regressed on what the others tell it comes out too small for the noise of the column; the other way
         round too large: it lies between the two (Frisch bounds; Soderstrom, Automatica 43 (2007), 3.1).
         """
-        every, mine = np.full(self.zeros.shape[2], np.inf), self.scales[name]
+        every, mine = np.full(self.zeros.shape[2], np.inf), {**self.scales, **self.angles}[name]
         mine, determined = (
             ((x + self.zeros @ _robust(x, self.zeros, sigma, at, -every, every)) / sigma)[at]
             for x in (mine, (mine - misses) * np.any(mine != 0.0, axis=0))
@@ -222,6 +223,7 @@ def linear_of(log: Kinematics, usable: Mask) -> Linear:
         path = log.path()
         scales[VELOCITY[2]][:, 6] = path
         scales[HEIGHT] = filled(6, changes[:, 6] - path)
+    angles = {name: filled(3 + k, changes[:, 3 + k]) for k, name in enumerate(ANGLES)}
     exchanges = {}
     for j, k in ((0, 1), (0, 2), (1, 2)):
         there = changes[:, k] - changes[:, j]
@@ -229,7 +231,7 @@ def linear_of(log: Kinematics, usable: Mask) -> Linear:
         for names, parts, at in ((ACCEL, force, slice(0, 3)), (GYRO, rates, slice(3, 6))):
             turned = parts[:, :, j, j] + parts[:, :, k, k] - parts[:, :, j, k] - parts[:, :, k, j]
             exchanges[f"{names[j]}, {names[k]}"] = filled(at, turned)
-    return Linear(np.stack(zeros, axis=2), scales, exchanges, usable)
+    return Linear(np.stack(zeros, axis=2), scales, angles, exchanges, usable)
 
 
 def noise_of(misses: Array) -> Array:

@@ -7,6 +7,7 @@ from case_table import case_table
 
 from coaxlink.data.samples import Samples
 from coaxlink.residual.faults.commands import command_faults
+from coaxlink.residual.faults.speeds_apart import changed_speed
 
 RATE, ROTORS = 50.0, range(1, 9)
 HELD = slice(1500, 1530)  # 0.6 s
@@ -165,3 +166,61 @@ def test_another_mixer_from_a_moment_on_is_no_column_that_is_off() -> None:
                     first[f"motor{n}"][1500:] = u[1500:]
                     first[f"rpm{n}"] = 5400.0 * first[f"motor{n}"]
                 assert found(first) == []
+
+
+def test_a_speed_that_is_late_rounded_or_another_rotors_is_told() -> None:
+    t = flown()["time_s"]
+    speed = flown()["rpm5"]
+    damaged = {
+        "late": (np.interp(t - 0.08, t, speed), "80 ms later"),
+        "late from half time on": (np.where(t > 30.0, np.interp(t - 0.12, t, speed), speed), "120 ms later"),
+        "early": (np.interp(t + 0.05, t, speed), "50 ms earlier"),
+        "rounded": (200.0 * np.round(speed / 200.0), "rounded"),
+    }
+    with case_table() as case:
+        for name, (values, words) in damaged.items():
+            with case(name):
+                ((column, rows, why),) = found(flown() | {"rpm5": values})
+                assert column == "rpm5" and rows.all() and words in why
+        with case("exchanged"):
+            ((column, rows, why),) = found(flown() | {"rpm5": flown()["rpm7"], "rpm7": speed})
+            assert sorted(column.split(", ")) == ["rpm5", "rpm7"] and "swapped" in why
+
+
+def test_speeds_of_sound_motors_and_escs_are_not_flagged() -> None:
+    """All as late as motors are, a pack that sags, messages of ten a second that come in turn, one noisy."""
+    log = flown()
+    t = log["time_s"]
+    for n in ROTORS:
+        sent = t[(n % 5) :: 5]
+        speed = np.interp(sent - 0.04, t, log[f"rpm{n}"]) * (1.0 - 0.002 * sent) * (1.0 + 0.01 * (n % 3))
+        noise = 60.0 if n == 3 else 15.0
+        speed += noise * np.random.default_rng(n).standard_normal(len(sent))
+        log[f"rpm{n}"] = np.interp(t, sent, 7.0 * np.round(speed / 7.0))
+    assert found(log) == []
+
+
+def test_motors_that_all_become_slower_on_the_way_are_no_clock_that_is_off() -> None:
+    log = flown()
+    t = log["time_s"]
+    for n in ROTORS:
+        behind = np.where(t < 30.0, 0.02, 0.05)
+        noise = 4.0 * np.random.default_rng(n).standard_normal(len(t))
+        log[f"rpm{n}"] = 5400.0 * np.interp(t - behind, t, log[f"motor{n}"]) + noise
+    assert found(log) == []
+
+
+def test_a_motor_that_turns_slower_from_a_moment_on_is_no_reading_that_is_off() -> None:
+    log = flown()
+    assert changed_speed(Samples(log), ROTORS) is None
+    log["rpm4"][1600:] *= 0.93
+    assert found(log) == []
+    name, moment = changed_speed(Samples(log), ROTORS)
+    assert name == "rpm4" and abs(moment - 32.0) < 2.0
+
+
+def test_a_command_that_never_moves_while_the_others_do_is_no_reading() -> None:
+    log = flown()
+    log["motor6"][5:] = log["motor6"][1000]
+    ((column, rows, why),) = found(log)
+    assert column == "motor6" and rows[100:-100].all() and "repeats exactly" in why

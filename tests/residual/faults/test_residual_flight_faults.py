@@ -86,6 +86,13 @@ def test_what_the_rest_of_the_log_contradicts_is_flagged(clean):
             ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
             ("height_m", lambda log: {"height_m": log["height_m"] / 0.3048}),
             ("roll_rad", lambda log: {"roll_rad": -log["roll_rad"]}),
+            ("pitch_rad", lambda log: {"pitch_rad": 4.0 * log["pitch_rad"]}),
+            ("roll_rad", lambda log: {"roll_rad": np.rad2deg(log["roll_rad"])}),
+            (
+                "roll_rad",
+                lambda log: {"roll_rad": np.where(log["time_s"] > 30.0, 2.0, 1.0) * log["roll_rad"]},
+            ),
+            ("accel_z_m_s2", lambda log: {"accel_z_m_s2": 1.2 * np.round(log["accel_z_m_s2"] / 1.2)}),
             ("gyro_y_rad_s", lambda log: {"gyro_y_rad_s": 1.3 * log["gyro_y_rad_s"]}),
             ("vel_n_m_s, vel_e_m_s", lambda log: exchanged(log, "vel_n_m_s", "vel_e_m_s")),
             ("gyro_x_rad_s, gyro_y_rad_s", lambda log: exchanged(log, "gyro_x_rad_s", "gyro_y_rad_s")),
