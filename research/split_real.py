@@ -215,10 +215,10 @@ def ended(name: str, served: Any) -> None:
     until = served.taken_s + 3.0
     last = wall[after & far & (wall < until)]
     back = float(last[-1] - served.taken_s) if len(last) else 0.0
-    lost = height[after][0] - height[after & (wall < served.taken_s + back + LOST_S)].min()
+    moved = height[after & (wall < served.taken_s + back + LOST_S)] - height[after][0]
     print(
         f"{name}: share {share[after][0]:.3f}, {board:.3f} on board; back {back:.2f} s after the pilot's "
-        f"word, {lost:.2f} m lost until {LOST_S:g} s after: {served.said.strip().splitlines()[-1]}",
+        f"word; height {moved.min():+.2f} to {moved.max():+.2f} m until {LOST_S:g} s after: {served.said.strip().splitlines()[-1]}",
         flush=True,
     )
 
