@@ -216,9 +216,10 @@ def ended(name: str, served: Any) -> None:
     last = wall[after & far & (wall < until)]
     back = float(last[-1] - served.taken_s) if len(last) else 0.0
     moved = height[after & (wall < served.taken_s + back + LOST_S)] - height[after][0]
+    ending = served.said.strip().splitlines()[-1]
     print(
         f"{name}: share {share[after][0]:.3f}, {board:.3f} on board; back {back:.2f} s after the pilot's "
-        f"word; height {moved.min():+.2f} to {moved.max():+.2f} m until {LOST_S:g} s after: {served.said.strip().splitlines()[-1]}",
+        f"word; height {moved.min():+.2f} to {moved.max():+.2f} m until {LOST_S:g} s after: {ending}",
         flush=True,
     )
 
