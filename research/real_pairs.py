@@ -78,11 +78,19 @@ class RawMap:
         self.low, self.high = float(pwm.min()), float(pwm.max())
         self._rpm = [surface(pwm, values) for values in rpm.T]
         self._surfaces: dict[str, list[Surface]] = {"thrust": [], "shaft": [], "battery": []}
-        for side, speed in zip(SIDES, rpm.T, strict=True):
+        shaft, drawn = np.zeros_like(rpm), np.zeros_like(rpm)
+        for k, (side, speed) in enumerate(zip(SIDES, rpm.T, strict=True)):
             torque = column[f"Torque {side} [Nm]"]
             torque = torque * np.sign(np.median(torque[np.abs(torque) > 0.1 * np.abs(torque).max()]))
-            drawn = column[f"Voltage {side} [V]"] * column[f"Current {side} [A]"]
-            loads = column[f"Thrust {side} [g]"] * G_TO_N, torque * speed * RAD_S, drawn
+            shaft[:, k] = torque * speed * RAD_S
+            drawn[:, k] = column[f"Voltage {side} [V]"] * column[f"Current {side} [A]"]
+        self.crosstalk = crosstalk(pwm, shaft, drawn)
+        for k, side in enumerate(SIDES):
+            other, own = drawn[:, 1 - k], shaft[:, k]
+            true = (drawn[:, k] + self.crosstalk[k] * other) / (1.0 - math.prod(self.crosstalk))
+            known = (other < 5.0 * own) & (own > 0.05 * own.max())  # elsewhere a reading may end at nothing
+            true = np.where(known, true, np.maximum(own, 0.0) * np.median(true[known] / own[known]))
+            loads = column[f"Thrust {side} [g]"] * G_TO_N, own, true
             for kind, values in zip(self._surfaces, loads, strict=True):
                 self._surfaces[kind].append(surface(rpm, values))
 
@@ -120,6 +128,21 @@ class RawMap:
                 share = (thrust_N - row[j]) / (row[j + 1] - row[j])
                 points.append((upper[i], lower[j] + share * (lower[j + 1] - lower[j])))
         return float(self.at(kind, np.array(points)).min())
+
+
+def crosstalk(pwm: Array, shaft: Array, drawn: Array) -> tuple[float, float]:
+    """Of each side, watts that its reading lacks for each watt of the other's: at one command what it draws
+    goes with its own shaft, and with nothing else. Rows (n, 2).
+    """
+    found = []
+    for own, other in ((0, 1), (1, 0)):
+        rows = (shaft[:, own] > 0.05 * shaft[:, own].max()) & (drawn[:, other] < 5.0 * shaft[:, own])
+        parts = [rows & (pwm[:, own] == level) for level in np.unique(pwm[rows, own])]
+        means = [np.stack([shaft[p, own], drawn[p, other], drawn[p, own]], axis=1) for p in parts]
+        x = np.concatenate([m - m.mean(axis=0) for m in means])
+        slope = np.linalg.lstsq(x[:, :2], x[:, 2], rcond=None)[0]
+        found.append(float(-slope[1]))
+    return found[0], found[1]
 
 
 def plate(x: Array, y: Array) -> Surface:

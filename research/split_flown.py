@@ -270,7 +270,7 @@ def of_escs(reported: dict[str, Any]) -> str:
 def logs(folder: Path, frame: Path) -> dict[str, str]:
     """What refine, health and identify say of the logs of a flight."""
     reported = {}
-    for path in [*sorted(folder.glob("card.*")), folder / "flight.tlog"]:
+    for path in sorted([*folder.glob("card.*"), *folder.glob("flight.*")]):
         kind, answer = path.suffix[1:], folder / "answer.json"
         reported[kind] = " / ".join(verdicts(path, frame, frame.parent / "rotor.toml", folder))
         answer.unlink(missing_ok=True)
@@ -305,11 +305,8 @@ def flat_map(path: Path, out: Path) -> Path:
     return out
 
 
-def walk(
-    path: Path, folder: Path, way: str, seed: int, determined: str, options: list[Any], once: bool
-) -> Found:
-    """Two flights of one map by one way, or with `once` one."""
-    found = Found(f"{path.stem} {way} {seed}")
+def prepared(path: Path, folder: Path) -> Path:
+    """The file of an X8 of four such pairs, hovering at 45 %: `identify` and `init`, unless it is there."""
     rotor, frame = folder / "rotor.toml", folder / "x8.toml"
     if not frame.exists():
         coaxlink("identify", path, "--upper", "left", "--out", rotor)
@@ -317,6 +314,15 @@ def walk(
         for key in ("mass_kg", "inertia_kg_m2", "motor_lag_s"):  # the world's are this file's
             text = re.sub(rf'{key} = "[a-z]+"', f'{key} = "measured"', text)
         frame.write_text(text)
+    return frame
+
+
+def walk(
+    path: Path, folder: Path, way: str, seed: int, determined: str, options: list[Any], once: bool
+) -> Found:
+    """Two flights of one map by one way, or with `once` one."""
+    found = Found(f"{path.stem} {way} {seed}")
+    frame = prepared(path, folder)
     try:
         first, second = folder / f"{way}_{seed}_1", folder / f"{way}_{seed}_2"
         first_flown = last = flown(way, path, frame, first, 2 * seed, determined, *options)

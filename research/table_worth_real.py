@@ -1,19 +1,23 @@
 """What a mixer table, or the exact law on board, is worth on the real PX4: each through the same flight.
 
     PX4_SITL=.../bin/px4 python research/table_worth_real.py [--repeats 3] [--ways standard fitted ...]
-        [--module BINARY] [--stock] [--json F]
+        [--airframe X8.toml [--rotor MAP.csv]] [--module BINARY] [--stock] [--json F]
 
 PX4's own SITL flies our plant over the lock-step bridge (`coaxlink sim --bridge px4`, here with a recorder at
-the plant). One flight a table and repeat: take-off with 5 kg too much, the load dropped in hover, hover at
-the own mass, the paper's circle, 90 degrees of yaw there and back, then a load that grows by 2 kg a second
-until it falls: the ceiling is the most thrust of half a second. Power, height, place and yaw are the plant's
-truth; attitude error and thrust demand are PX4's ATTITUDE_TARGET. Tables are tuned alike (the vertical gains
-divided by the table's own); `--stock` leaves them as PX4 ships them. Differences are paired by repeat, whose
-number is the seed of the sensors' noise. About a minute a flight on a free core.
+the plant). One flight a table and repeat: take-off with a quarter of the mass too much, the load dropped in
+hover, hover at the own mass, the paper's circle, 90 degrees of yaw there and back, then a load that grows by
+a tenth of the mass a second until it falls: the ceiling is the most thrust of half a second. Power, height,
+place and yaw are the plant's truth; attitude error and thrust demand are PX4's ATTITUDE_TARGET. Tables are
+tuned alike (the vertical gains divided by the table's own); `--stock` leaves them as PX4 ships them.
+Differences are paired by repeat, whose number is the seed of the sensors' noise. About a minute a flight on a
+free core.
 
 `module` and `companion` are the exact law in the module that `coaxlink bridge --firmware px4` writes
 (PX4_MODULE_SITL or --module names the binary it was built into), alone and answered by `LiveMixer` over
 MAVLink. The companion's flights are at real time and in the real-time class.
+
+With `--rotor` the world interpolates the raw rows of a stand map; `--airframe` is what coaxlink made of it.
+What `compare` prints of the vehicle stands under the figures.
 """
 
 from __future__ import annotations
@@ -34,6 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
+from real_pairs import coaxlink
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import CoaxlinkError
@@ -61,7 +66,7 @@ sys.path.insert(0, str(ROOT / "tests" / "real"))
 from real_autopilots import Px4, free_instance, real_time, take_off  # noqa: E402
 
 TABLES, ON_BOARD = ("standard", "curved", "fitted"), ("module", "companion")
-LOAD_KG, GROWS_KG_S = 5.0, 2.0
+LOAD, GROWS_1_S = 0.25, 0.1  # of the mass
 LATE_S = 0.5  # a flight whose set-points were further apart is flown again
 HERE, RIM, HEADING = (0.0, 0.0, -3.0), (2.0, 0.0, -3.0), 0.5 * math.pi
 FLIGHT: tuple[Segment, ...] = (
@@ -80,7 +85,8 @@ NAMES = [segment.name for segment in FLIGHT]
 BEFORE_S = 2.0  # an estimator's height wanders by decimetres: a disturbance is judged from just before it
 # quantity: (unit, digits)
 FIGURES = {
-    "power in hover": ("W at the shafts", 1), "power in the circle": ("W at the shafts", 1),
+    "power in hover": ("W at the shafts", 1), "battery power in hover": ("W of the rotors", 1),
+    "power in the circle": ("W at the shafts", 1),
     "thrust demand in hover": ("", 4),
     "ceiling": ("kg", 1), "place in the circle, rms": ("m", 3),
     "yaw acceleration in yaw steps, most of 0.1 s": ("rad/s2", 2),
@@ -94,10 +100,11 @@ FIGURES = {
 class Watched(Truth):
     """A truth that drops its load when told, and keeps a row of the plant every 4 ms."""
 
-    def __init__(self, now: Any) -> None:
-        super().__init__((HiddenEffect("mass_change", LOAD_KG),))
+    def __init__(self, now: Any, mass_kg: float) -> None:
+        super().__init__((HiddenEffect("mass_change", LOAD * mass_kg),))
+        self.mass_kg = mass_kg
         self.now, self.loaded, self.grown_s = now, True, 0.0
-        # segment, s, down m, yaw rad, W, north m, east m, rad/s2, N
+        # segment, s, down m, yaw rad, W, north m, east m, rad/s2, N, W of the battery
         self.rows: list[tuple[float, ...]] = []
 
     def act(self, plant: Plant) -> None:
@@ -106,25 +113,26 @@ class Watched(Truth):
         if segment < 0:
             return
         if self.loaded and NAMES[segment] == "drop":
-            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", -LOAD_KG))
+            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", -LOAD * self.mass_kg))
             self.loaded = False
         if NAMES[segment] == "ceiling":
             since, self.grown_s = plant.time_s - (self.grown_s or plant.time_s), plant.time_s
-            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", GROWS_KG_S * since))
+            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", GROWS_1_S * self.mass_kg * since))
         shaft = float(plant.torque @ plant.speeds) * plant.pair.speed_max_rpm * math.pi / 30.0
         w, x, y, z = plant.quaternion.tolist()
         north, east, down = plant.position.tolist()
         turning, thrust = plant.out[plant.index.O_ALPHA + 2], plant.thrust.sum()
-        self.rows.append(
-            (segment, plant.time_s, down, euler((w, x, y, z))[2], shaft, north, east, turning, thrust)
-        )
+        yaw, drawn = euler((w, x, y, z))[2], float(plant.rotor_watts().sum())
+        self.rows.append((segment, plant.time_s, down, yaw, shaft, north, east, turning, thrust, drawn))
 
 
-def world(airframe: Path, port: int, seed: int, speed: float, now: Any, over: Any, pipe: Any) -> None:
+def world(
+    airframe: Path, rotor: Path | None, port: int, seed: int, speed: float, now: Any, over: Any, pipe: Any
+) -> None:
     """The plant's process: serve PX4 until `over`, then give the rows."""
     vehicle = read_vehicle(airframe)
     assert vehicle.rotor_file is not None
-    plant, truth = Plant(vehicle, read_pair(vehicle.rotor_file)), Watched(now)
+    plant, truth = Plant(vehicle, read_pair(rotor or vehicle.rotor_file)), Watched(now, vehicle.mass_kg)
     bridge = Px4Bridge(plant, truth, port=port, seed=seed, speed=speed)
     pipe.send("ready")
     try:
@@ -167,13 +175,15 @@ def settings(airframe: Path, law: str, stock: bool) -> dict[str, float]:
 
 
 @contextmanager
-def served(airframe: Path, port: int, seed: int, speed: float) -> Iterator[tuple[Any, Any]]:
+def served(
+    airframe: Path, rotor: Path | None, port: int, seed: int, speed: float
+) -> Iterator[tuple[Any, Any]]:
     """The world as a process; yields where the segment is written and how to end it and get its rows."""
     context = multiprocessing.get_context("spawn")
     now, over = context.Value("i", -1), context.Event()
     ours, theirs = context.Pipe()
     process = context.Process(
-        target=world, args=(airframe, port, seed, speed, now, over, theirs), daemon=True
+        target=world, args=(airframe, rotor, port, seed, speed, now, over, theirs), daemon=True
     )
     process.start()
     assert ours.recv() == "ready"
@@ -191,14 +201,14 @@ def served(airframe: Path, port: int, seed: int, speed: float) -> Iterator[tuple
 
 
 def fly(
-    binary: Path, airframe: Path, law: str, params: dict[str, float], seed: int
+    binary: Path, airframe: Path, rotor: Path | None, law: str, params: dict[str, float], seed: int
 ) -> tuple[dict[str, float], float, str]:
     """One flight's figures, the longest time between set-points, and what the lock-step says of it."""
     instance, live = free_instance(), law == "companion"
     with (
         real_time() if live else nullcontext(),
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        served(airframe, 4560 + instance, seed, 1.0 if live else 0.0) as (now, rows),
+        served(airframe, rotor, 4560 + instance, seed, 1.0 if live else 0.0) as (now, rows),
     ):
         board = Px4(binary, Path(folder), instance)
         with board.boot(params, cut=True) as url, connect(url, timeout_s=60.0) as session:
@@ -253,6 +263,7 @@ def figures(own_rows: NDArray[np.float64], heard: list[Any], starts: dict[str, f
     level = [a.thrust for a in targets(heard) if _within(a, "hover", starts)]
     return {
         "power in hover": float(at["hover"][:, 4].mean()),
+        "battery power in hover": float(at["hover"][:, 9].mean()),
         "power in the circle": float(at["circle"][:, 4].mean()),
         "thrust demand in hover": float(np.mean(level)),
         "ceiling": float(np.convolve(grown[:, 8], np.ones(125) / 125).max()) / GRAVITY,
@@ -315,6 +326,16 @@ def show(flown: dict[str, list[dict[str, float]]]) -> None:
         print(f"{name:46s}" + "".join(f"{cell:>22s}" for cell in cells) + f" {unit}")
 
 
+def printed(airframe: Path) -> None:
+    """Hover watts, at the shafts and of the battery, as `compare` has them."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "compare.json"
+        coaxlink("compare", airframe, "--all", "--json", out)
+        for table in json.loads(out.read_text())["worth"]["tables"]:
+            shaft, battery = table["hover_W"], table["battery_W"]
+            print(f"compare, {table['table']}: {shaft} W, battery {battery} W")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--px4", type=Path, default=os.environ.get("PX4_SITL", ""), metavar="BINARY")
@@ -323,6 +344,7 @@ def main() -> int:
     )
     parser.add_argument("--ways", nargs="+", choices=(*TABLES, *ON_BOARD), default=None)
     parser.add_argument("--airframe", type=Path, default=ROOT / "examples" / "x8_demo.toml")
+    parser.add_argument("--rotor", type=Path, help="what the world's rotors are; else the airframe's")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--stock", action="store_true", help="vertical gains as PX4 ships them")
     parser.add_argument("--json", type=Path)
@@ -343,13 +365,14 @@ def main() -> int:
             late = math.inf
             while late > LATE_S:
                 try:
-                    one, late, status = fly(binaries[law], o.airframe, law, params[law], seed)
+                    one, late, status = fly(binaries[law], o.airframe, o.rotor, law, params[law], seed)
                 except CoaxlinkError as error:
                     print(f"{law}, repeat {seed}: {error}", file=sys.stderr)
                     return error.exit_code
                 print(f"{law}, repeat {seed}: {status}", file=sys.stderr, flush=True)
             flown[law].append(one)
     show(flown)
+    printed(o.airframe)
     print(f"{o.repeats} repeats, {time.monotonic() - start:.0f} s")
     if o.json:
         o.json.write_text(json.dumps(flown, indent=1))

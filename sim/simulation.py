@@ -217,11 +217,13 @@ def build_bridge(
     address: str = "",
     speed: float = 0.0,
     say: Callable[[str], None] = lambda _: None,
+    battery: bool = False,
 ) -> Any:
     """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
 
-    `speed` is times real time, 0 as fast as it goes; an ArduPilot sets its own pace (its --speedup). `say`
-    takes a line when lock-step was left, a link ended, and the counts at the end.
+    `battery`: PX4 hears of the plant's pack, as ArduPilot always does. `speed` is times real time, 0 as fast
+    as it goes; an ArduPilot sets its own pace (its --speedup). `say` takes a line when lock-step was left, a
+    link ended, and the counts at the end.
     """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:
@@ -235,7 +237,16 @@ def build_bridge(
     if to == "px4":
         from sim.bridge.px4_hil import Px4Bridge
 
-        return Px4Bridge(plant, truth, host=host, port=int(port), seed=simulation.seed, speed=speed, say=say)
+        return Px4Bridge(
+            plant,
+            truth,
+            host=host,
+            port=int(port),
+            seed=simulation.seed,
+            speed=speed,
+            battery=battery,
+            say=say,
+        )
     from sim.bridge.ardupilot_json import ArduPilotBridge
 
     return ArduPilotBridge(plant, truth, host=host, port=int(port), say=say)

@@ -67,6 +67,10 @@ def sim(
         ),
     ] = False,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
+    pack: Annotated[
+        bool,
+        typer.Option("--pack", help="--bridge px4: tell it the plant's pack, as a smart battery would."),
+    ] = False,
     flight: Annotated[
         str,
         typer.Option(
@@ -102,6 +106,8 @@ def sim(
         files.refuse_unwritable(memory)
     if (log or tlog) and bridge:
         raise InputError("--log, --tlog", "", "not with --bridge")
+    if pack and bridge != "px4":
+        raise InputError("--pack", "", "goes with --bridge px4")
     if tlog and flight:
         raise InputError("--tlog", "", "not with --fly")
     with world_errors():
@@ -131,7 +137,7 @@ def sim(
             return
         if bridge:
             tell = partial(_tell, bridge)
-            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed, tell), bridge)
+            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed, tell, pack), bridge)
             return
         ports: list[Any] = open_links(listen or [])
         try:

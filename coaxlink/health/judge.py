@@ -281,7 +281,7 @@ def _of_flight(
     common: the pack's and the air's. What was aboard is as is likeliest.
 
     Each of these counts by the flights' evidence alone: how rare faults are tells a fleet, and no interval
-    of a rotor that lost something and is not told from sound ones would hold that.
+    of a rotor that lost something and is not distinguished from sound ones would hold that.
     """
     chance = _failed(found, number)
     prior = FAULT_ODDS * (number + 1) / len(found.flights) / chance.size  # of a fault by then, each

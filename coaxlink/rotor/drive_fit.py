@@ -31,6 +31,13 @@ PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
 WATTS_ROWS = 12  # rows; five terms are fitted to them, and a part of the rows left out in turn
 CERTAIN = 5.0  # standard errors of a slope that is no chance
+ALIKE = (
+    0.05  # of the fastest and of the greatest torque, judgement: within it what a motor draws goes straight
+)
+LOADED, OUTDRAWN = (
+    0.05,
+    5.0,
+)  # of the most shaft watts; the other side's, of these: more, and a reading may be at 0
 
 
 @dataclass(frozen=True)
@@ -237,19 +244,32 @@ class WattsFit:
 
     power: BatteryPower
     efficiency: float  # shaft over battery energy, of the rows in which the motor drives
-    typical_W: float  # median of these
-    crosstalk_W: float  # what the other side's watts change in this side's, at one speed and torque
+    crosstalk: float  # watts that its reading lacks for each watt that the other side draws
+    less_than_shaft: int  # rows, of these, in which the reading is below the shaft's power
 
 
 def watts_fits(samples: Samples) -> dict[str, WattsFit]:
     """Of each side whose volts and amps (or watts), rpm and torque are measured."""
+    drawn = {side: drawn_watts(samples, side) for side in SIDES}
+    lacks = {side: _crosstalk(samples, side, drawn) for side in SIDES}
     found: dict[str, WattsFit] = {}
-    for side in SIDES:
-        if samples.has(f"{side}_rpm", f"{side}_torque_Nm"):
-            other = drawn_watts(samples, SIDES[1 - SIDES.index(side)])
-            fit = _watts_fit(samples, side, other)
-            found |= {side: fit} if fit is not None else {}
+    for side, read in drawn.items():
+        if read is not None and samples.has(f"{side}_rpm", f"{side}_torque_Nm"):
+            other, true = drawn[_other(side)], read
+            if lacks[side] and other is not None:
+                known = other < OUTDRAWN * _shaft_watts(samples, side)
+                true = np.where(known, read + lacks[side] * other, np.nan)
+            fit = _watts_fit(samples, side, true / (1.0 - lacks["upper"] * lacks["lower"]), read)
+            found |= {side: replace(fit, crosstalk=lacks[side])} if fit is not None else {}
     return found
+
+
+def _other(side: str) -> str:
+    return SIDES[1 - SIDES.index(side)]
+
+
+def _shaft_watts(samples: Samples, side: str) -> Array:
+    return np.asarray(samples[f"{side}_rpm"] * RAD_S_PER_RPM * samples[f"{side}_torque_Nm"])
 
 
 def drawn_watts(samples: Samples, side: str) -> Array | None:
@@ -262,13 +282,10 @@ def drawn_watts(samples: Samples, side: str) -> Array | None:
     return np.asarray(volts * samples[f"{side}_current_A"])
 
 
-def _watts_fit(samples: Samples, side: str, other: Array | None) -> WattsFit | None:
+def _watts_fit(samples: Samples, side: str, drawn: Array, read: Array) -> WattsFit | None:
     from scipy.optimize import nnls  # scipy takes a third of a second to load
 
-    drawn = drawn_watts(samples, side)
     rpm, torque = samples[f"{side}_rpm"], samples[f"{side}_torque_Nm"]
-    if drawn is None:
-        return None
     rows = np.isfinite(drawn) & (rpm > TURNS * float(rpm.max(initial=0.0))) & driven(rpm, torque)
     if rows.sum() < WATTS_ROWS or np.ptp(drawn[rows]) < 0.3 * drawn[rows].max():
         return None
@@ -289,21 +306,41 @@ def _watts_fit(samples: Samples, side: str, other: Array | None) -> WattsFit | N
     constant, per_w, per_w2, copper, of_shaft = b.tolist()
     missed_W = float(np.sqrt(np.mean(missed**2)))
     power = BatteryPower(constant, per_w, per_w2, copper, of_shaft, missed_W)
-    crosstalk = 0.0 if other is None else _crosstalk(p - X @ b, other[rows])
-    return WattsFit(power, float(shaft.sum() / p.sum()), float(np.median(p)), crosstalk)
+    return WattsFit(power, float(shaft.sum() / p.sum()), 0.0, int(np.sum(read[rows] < shaft)))
 
 
-def _crosstalk(left: Array, other: Array) -> float:
-    """W that go with the other side's watts over their range; 0 where that may be chance."""
-    known = np.isfinite(other)
-    if known.sum() < WATTS_ROWS or np.ptp(other[known]) == 0.0:
+def _crosstalk(samples: Samples, side: str, drawn: Mapping[str, Array | None]) -> float:
+    """Watts that a side's reading lacks for each watt that the other's shows; 0 where that may be chance.
+
+    A rotor that turns alike under a like torque takes like watts, whatever the other one does. Where readings
+    of such rows differ as the other side's do, a sensor reads some of the other's current (Ott,
+    Electromagnetic Compatibility Engineering 2009, ch. 3: a common ground). No form of a drive is assumed.
+    """
+    read, other = drawn[side], drawn[_other(side)]
+    if read is None or other is None or not samples.has(f"{side}_rpm", f"{side}_torque_Nm"):
         return 0.0
-    X = np.stack([np.ones(known.sum()), other[known]], axis=1)
-    slope, rest = _line(X, left[known])
-    error = float(np.std(rest)) / (float(np.std(other[known])) * np.sqrt(known.sum()))
-    return slope * float(np.ptp(other[known])) if abs(slope) > CERTAIN * error else 0.0
+    rpm, torque = samples[f"{side}_rpm"], samples[f"{side}_torque_Nm"]
+    shaft = _shaft_watts(samples, side)
+    with np.errstate(invalid="ignore"):
+        fair = np.isfinite(read + other + shaft) & (shaft > LOADED * np.nanmax(shaft, initial=0.0))
+        rows = np.flatnonzero(fair & (other < OUTDRAWN * shaft))
+    if len(rows) < WATTS_ROWS:
+        return 0.0
+    place = np.stack([rpm[rows] / rpm[rows].max(), torque[rows] / torque[rows].max()], axis=1)
+    apart = np.hypot(*(place[:, None] - place).transpose(2, 0, 1))
+    i, j = (rows[k] for k in np.nonzero(np.triu(apart < ALIKE, 1)))
+    if len(i) < WATTS_ROWS or not np.any(other[i] != other[j]):
+        return 0.0
+    own = np.stack([values[i] - values[j] for values in (rpm, torque)], axis=1)
+    lost, others = (values[i] - values[j] for values in (read - shaft, other))
+    lost, others = (_beside(own / np.abs(own).max(axis=0), values) for values in (lost, others))
+    slope = float(lost @ others / (others @ others))
+    rest, count = lost - slope * others, len(np.union1d(i, j))  # rows, not pairs, are independent
+    error = float(np.sqrt(np.mean(rest**2) / np.mean(others**2) / count))
+    pays = np.mean(rest**2) < PAYS**2 * np.mean(lost**2)
+    return -slope if pays and abs(slope) > CERTAIN * error else 0.0
 
 
-def _line(X: Array, y: Array) -> tuple[float, Array]:
-    b = np.linalg.lstsq(X, y, rcond=None)[0]
-    return float(b[1]), np.asarray(y - X @ b)
+def _beside(X: Array, y: Array) -> Array:
+    """What no combination of the columns gives."""
+    return np.asarray(y - X @ np.linalg.lstsq(X, y, rcond=None)[0])

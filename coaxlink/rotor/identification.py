@@ -131,6 +131,7 @@ class Identification(Shown):
             "drive": None if self.model.drive is None else asdict(self.model.drive),
             "battery_power": {side: asdict(power) for side, power in self.model.battery_power.items()},
             "measured": measured(self.data),
+            "watts_crosstalk": _crosstalk(self.data),
             "notes": list(self.notes),
         }
 
@@ -457,8 +458,13 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "noise_floor": dict(result.noise_floor),
         "intervals": {load: i.as_json() for load, i in result.intervals.items()},
         "measured": measured(result.data),
+        **({"watts_crosstalk": lacks} if (lacks := _crosstalk(result.data)) else {}),
         **_range(result.data),
     }
+
+
+def _crosstalk(data: StandData) -> dict[str, float]:
+    return {side: watts.crosstalk for side, watts in data.watts.items() if watts.crosstalk}
 
 
 def _range(data: StandData) -> dict[str, Any]:

@@ -30,7 +30,6 @@ DRIVEN_ALONE = 0.5  # of a rotor's own fastest: below, a wake may well push it d
 # one that it finds unfit (SRM: 0.052 and 0.078; Berra, Trujillo and Heredia 2024, Table 2, NRMSE)
 POOR = 0.05
 SHOWN = 4  # rows named
-CROSSTALK = 0.05  # of the typical watts: what a split saves is of this size
 MOST_EFFICIENT, LEAST_EFFICIENT = 1.0, 0.5  # shaft over battery watts of a drive: physics; a motor near stall
 
 
@@ -264,18 +263,20 @@ def _idle_power(data: StandData) -> Iterator[str]:
 
 
 def _efficiency(data: StandData) -> Iterator[str]:
-    """Shaft watts that no battery gave, or that a motor wastes most of."""
+    """Shaft watts that no battery gave, or that a motor wastes most of; sensors that read one another."""
     for side, watts in data.watts.items():
         drawn = f"{side}: {100 * watts.efficiency:.0f} % of the battery's watts reach the shaft"
         if watts.efficiency > MOST_EFFICIENT:
             yield f"{drawn}: a torque cell, a current sensor or the rpm is wrong"
         elif watts.efficiency < LEAST_EFFICIENT:
             yield f"{drawn}, where drives give 80 to 95: a current sensor, a torque cell or the rpm is wrong"
-        if abs(watts.crosstalk_W) > CROSSTALK * watts.typical_W:
+        if watts.crosstalk:
+            count, way = watts.less_than_shaft, "little" if watts.crosstalk > 0 else "much"
             yield (
-                f"{side}: its watts change by {watts.crosstalk_W:+.0f} W (typical: {watts.typical_W:.0f}) "
-                "with the other side's, at one speed and torque: current sensors on one ground? What a split "
-                "saves at the battery rests on that; at the shafts it does not"
+                f"{side}: its current sensor reads {abs(watts.crosstalk):.3f} W too {way} for each watt of "
+                "the other side's, at one speed and torque (sensors on one ground?)"
+                + (f", and in {count} rows less than the shaft has" if count else "")
+                + ": battery watts are put right for that"
             )
 
 

@@ -361,6 +361,12 @@ class _Identified(BaseModel):
     throttle_to: Annotated[
         Finite | None, Field(description="How far throttles went: u = 1 is not full throttle.")
     ] = None
+    watts_crosstalk: Annotated[
+        dict[Literal["upper", "lower"], Finite] | None,
+        Field(
+            description="Watts a side's reading lacked for each of the other's; put right in battery_power."
+        ),
+    ] = None
 
 
 class _RotorFile(BaseModel):

@@ -46,7 +46,7 @@ class ArduPilotBridge:
         self.plant, self.truth, self._say = plant, truth, say
         self._fresh = plant.state.copy()
         self.steps = self.repeats = self.lost = self.refused = 0
-        self.time_s = 0.0
+        self.time_s = self._amps = 0.0
         self._count: int | None = None
         self._answer = b""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -117,6 +117,8 @@ class ArduPilotBridge:
         self.time_s += dt
         self.plant.steps = round(self.time_s / STEP_S)  # the truth's clock counts milliseconds
         self.steps += 1
+        module = self.plant.sensing.power_module
+        self._amps = self.plant.current if module is None else module.read(self.plant.current, dt)
 
     def _reply(self) -> bytes:
         """A line of JSON for a reader that searches for words and takes what stands two characters behind.
@@ -131,6 +133,6 @@ class ArduPilotBridge:
             "quaternion": p.quaternion.tolist(),
             "velocity": p.velocity.tolist(),
             "rng_1": p.height,
-            "battery": {"voltage": p.voltage, "current": p.current},
+            "battery": {"voltage": p.voltage, "current": self._amps},
         }
         return b"\n" + json.dumps(state, separators=(",", ":")).encode() + b"\n"

@@ -1,7 +1,7 @@
-"""What PX4 is told in one step of its simulator interface: HIL_SENSOR, HIL_GPS and the ground truth.
+"""What PX4 hears in one step of its simulator interface: HIL_SENSOR, HIL_GPS and the ground truth.
 
 IMU at 250 Hz, magnetometer and barometer at 50, GPS at 10. Every reading is noisy: more than a hundred equal
-ones are a dead sensor to it.
+ones are a dead sensor to it. The interface has no battery: BATTERY_STATUS, at 10 Hz, goes to a MAVLink line.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
 from sim.physics.plant import Plant
-from sim.physics.sensors import Sensors
+from sim.physics.sensors import SensorReading, Sensors
 from sim.place import HOME
 
 STEPS = 4  # of the plant, 1 ms each, from reading to reading
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
+TEN_HZ = 25  # readings from one to the next
 
 
 class HilMessages:
@@ -28,12 +29,13 @@ class HilMessages:
         self.plant = plant
         self._sensors = Sensors(plant, seed)
         self._random = np.random.default_rng([seed, 0x411])
+        self._reading: SensorReading | None = None
 
     def pack(self, mav: Any) -> tuple[int, bytes]:
         """The step's stamp (us) and its messages, numbered by `mav`."""
         now = round(1e6 * self.plant.time_s) + 1_000_000
         tick = self.plant.steps // STEPS
-        r = self._sensors.read()
+        self._reading = r = self._sensors.read()
         fields = ACCEL | GYRO | (MAG | BARO if tick % 5 == 0 else 0)
         noise = self._random.standard_normal(6)
         alt = HOME.alt - float(self.plant.position[2]) + 0.05 * noise[3]
@@ -52,7 +54,7 @@ class HilMessages:
                 0,
             )
         ]
-        if tick % 25 == 0:
+        if tick % TEN_HZ == 0:
             messages.append(self._gps(now, r.position, r.velocity))
         messages.append(self._state(now))
         data = b""
@@ -60,6 +62,20 @@ class HilMessages:
             data += message.pack(mav)
             mav.seq = (mav.seq + 1) % 256
         return now, data
+
+    def battery(self, mav: Any) -> bytes:
+        """BATTERY_STATUS of the step that `pack` made last, as a smart battery has it; mostly nothing."""
+        p, r = self.plant, self._reading
+        if r is None or p.steps // STEPS % TEN_HZ:
+            return b""
+        count = min(p.battery.cells, 10)  # PX4 adds up as many
+        cells = [round(1000 * r.voltage / count) if k < count else 0xFFFF for k in range(10)]
+        used = max(round((p.battery.charge - p.charge) * p.battery.capacity_Ah * 1000), 0)
+        data: bytes = m.MAVLink_battery_status_message(
+            0, 0, 1, 0x7FFF, cells, _short(100 * r.current), used, -1, round(100 * p.charge)
+        ).pack(mav)
+        mav.seq = (mav.seq + 1) % 256
+        return data
 
     def _field(self) -> NDArray[np.float64]:
         """Magnetic field in body axes, gauss."""

@@ -10,6 +10,7 @@ import select
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ FREE_RUN_S = 0.004
 QUIET_S = 0.05  # wall time without a word after which controls with a clock of their own are taken
 POLL_S = 0.1
 BACKLOG = 65536  # bytes of readings, a second or two of flight, that one which reads nothing is left with
+FIRST_PORT, BATTERY_PORT, INSTANCES = 4560, 14280, 100  # of the simulator, of its MAVLink line to a payload
 GIVE_WAY_S = 3.0  # wall time without a byte after which another autopilot is heard (jMAVSim's reset, too)
 
 
@@ -42,6 +44,12 @@ class Px4Bridge:
     stamp of the reading they answer: those that answer an earlier one (`stale`) are passed over, or the
     backlog of the free run would stay between readings and controls for good. `speed` paces by wall time; 0
     is as fast as it answers. An autopilot that hung up may come again; a silent one gives way to another.
+
+    With `battery` the pack is sent to the payload's MAVLink line of the instance that connects to `port`, as
+    a smart battery of its own system would: where PX4 listens is known by that number alone. PX4's own
+    simulation of one is to be off (SIM_BAT_ENABLE 0): both would write one topic. Its failsafe for the flight
+    time left is to warn only (COM_FLTT_LOW_ACT 1; even with 0 it holds for 5 s): it takes a battery sent by
+    MAVLink for one with 0 s left (mavlink_receiver.cpp of 1.16, handle_message_battery_status).
     """
 
     def __init__(
@@ -53,6 +61,7 @@ class Px4Bridge:
         port: int = 4560,
         seed: int = 0,
         speed: float = 0.0,
+        battery: bool = False,
         patience_s: float = PATIENCE_S,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
@@ -72,11 +81,17 @@ class Px4Bridge:
             self._listener.close()
             raise PortError(f"tcpin:{host}:{port}", f"cannot be opened ({error.strerror})") from error
         self._listener.settimeout(POLL_S)
+        self._smart = m.MAVLink(None, srcSystem=0, srcComponent=m.MAV_COMP_ID_BATTERY)
+        self._battery = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        instance = port - FIRST_PORT
+        known = battery and 0 <= instance < INSTANCES
+        self._battery_at = (host, BATTERY_PORT + instance) if known else None
         self.name = "tcpin:{}:{}".format(*self._listener.getsockname())
 
     def close(self) -> None:
         """Let go of the port."""
         self._listener.close()
+        self._battery.close()
 
     def status(self) -> str:
         """One line of counts."""
@@ -110,6 +125,7 @@ class Px4Bridge:
             self.truth.act(self.plant)
             stamp, data = self._messages.pack(mav)
             self._send(stream, data, stop)
+            self._tell_battery()
             patience = self.patience_s if lockstep else FREE_RUN_S
             controls = self._controls(stream, parser, stamp, patience, stop)
             if controls is not None:
@@ -169,6 +185,7 @@ class Px4Bridge:
             for message in parser.parse_buffer(data) or []:
                 if message.get_msgId() != m.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
                     continue
+                self._smart.srcSystem = message.get_srcSystem()
                 found = np.clip(np.nan_to_num(np.array(message.controls, float)), 0.0, 1.0)
                 if message.time_usec >= stamp:
                     return found
@@ -176,6 +193,12 @@ class Px4Bridge:
             if left <= 0.0:
                 return old  # whatever else keeps coming
         return None
+
+    def _tell_battery(self) -> None:
+        """Once the system's number is known; nobody may be there to hear it."""
+        if self._battery_at and self._smart.srcSystem and (data := self._messages.battery(self._smart)):
+            with suppress(OSError):
+                self._battery.sendto(data, self._battery_at)
 
     def _send(self, stream: socket.socket, data: bytes, stop: Callable[[], bool]) -> None:
         """All of it, however long the other end is stopped; what it has not read yet stands in its way."""

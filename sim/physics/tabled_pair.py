@@ -31,6 +31,9 @@ STIFF = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # of the plates: as stiff as rows left ou
 PARTS = 5  # left out in turn
 EFFICIENCY = 0.80  # shaft over battery watts where no volts and amps were logged
 FAST = 0.9  # quantile of throttle whose rows say what the supply was
+# of currents: rows of this share of the most shaft watts, the other side's watts at most so many times the
+# shaft's, so many of them; the share of all rows that reads less than the shaft has
+LOADED, OUTDRAWN, LEAST_ROWS, IMPOSSIBLE = 0.05, 5.0, 20, 0.1
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ def map_pair(path: Path) -> TabledPair:
         tables[2 * k] = _loads(_plate(speeds, side.thrust_N), grid, speeds, k)
         tables[2 * k + 1] = _loads(_plate(speeds, side.torque_Nm), grid, speeds, k)
         tables[SPEED + k] = _driven(turned[k], grid, commands, k) / top
-        tables[WATTS + k] = _drawn(_plate(speeds, _watts(side)), grid, speeds, k)
+        tables[WATTS + k] = _drawn(_plate(speeds, _watts(side, sides[1 - k])), grid, speeds, k)
     return TabledPair(top, np.zeros((4, 1, 1)), tables, reference)
 
 
@@ -119,11 +122,35 @@ def _effective(side: Side, reference: float | None) -> Array:
     return side.throttle * side.voltage_V / reference
 
 
-def _watts(side: Side) -> Array:
-    """From the battery: measured, or by the shaft."""
-    if side.voltage_V is not None and side.current_A is not None:
-        return side.voltage_V * side.current_A
-    return side.torque_Nm * side.rpm * (math.pi / 30.0) / EFFICIENCY
+def _shaft(side: Side) -> Array:
+    return side.torque_Nm * side.rpm * (math.pi / 30.0)
+
+
+def _read(side: Side) -> Array | None:
+    return None if side.voltage_V is None or side.current_A is None else side.voltage_V * side.current_A
+
+
+def _watts(side: Side, other: Side) -> Array:
+    """From the battery: measured, or by the shaft.
+
+    Readings below the shaft's power, which no motor can do, are of sensors that share a ground: of the other
+    side's watts is put back what least squares over shaft, copper and iron want; a rotor that barely draws
+    beside one that does, where a reading may end at nothing, has the efficiency of the rest.
+    """
+    shaft, read, beside = _shaft(side), _read(side), _read(other)
+    if read is None:
+        return shaft / EFFICIENCY
+    if beside is None:
+        return read
+    known = (shaft > LOADED * shaft.max()) & (beside < OUTDRAWN * shaft)
+    less = np.maximum(np.mean(read < shaft), np.mean(beside < _shaft(other)))
+    if known.sum() < LEAST_ROWS or less < IMPOSSIBLE:
+        return read
+    x = np.stack([np.ones(len(shaft)), shaft, side.torque_Nm**2, side.rpm**2, beside], axis=1)
+    x = x / np.abs(x).max(axis=0)
+    lost = -float(np.linalg.lstsq(x[known], read[known], rcond=None)[0][-1]) * beside / np.abs(beside).max()
+    true = read + np.maximum(lost, 0.0)
+    return np.where(known, true, np.maximum(shaft, 0.0) * np.median(true[known] / shaft[known]))
 
 
 def _plate(x: Array, y: Array) -> Plate:

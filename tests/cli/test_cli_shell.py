@@ -200,7 +200,7 @@ def test_completion_knows_verbs_and_options(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("shell_found", "said"), [(("tcsh", "/bin/tcsh"), "found tcsh"), (None, "found none")]
+    ("shell_found", "reported"), [(("tcsh", "/bin/tcsh"), "found tcsh"), (None, "found none")]
 )
 def test_a_shell_that_cannot_be_completed_for_is_one_line(capsys, monkeypatch, shell_found, reported):
     def detect():

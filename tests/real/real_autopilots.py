@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -157,18 +157,20 @@ def arducopter(
     second_port: int = 0,
     cut: bool = False,
     loss: Loss | None = None,
+    world: AbstractContextManager[int] | None = None,
 ) -> Iterator[str]:
     """ArduCopter's SITL in `folder` on the JSON bridge; yields its first serial port's address.
 
     A reboot it does by itself, in the same process. `options` are the bridge's. It speaks to `port` of
     loopback or one that is free, and on `second_port` too, if there is one. With `cut` it ends as when the
-    plug is pulled: SIGKILL.
+    plug is pulled: SIGKILL. `world` is one of the caller's in place of the bridge, and yields its port.
     """
     defaults = folder / "defaults.parm"
     defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
     link = port or free_port()
-    with losing_bridge("ardupilot", AIRFRAME, loss) if loss else bridge("ardupilot", *options) as world:
-        command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(world)]
+    of = world or (losing_bridge("ardupilot", AIRFRAME, loss) if loss else bridge("ardupilot", *options))
+    with of as sim_port:
+        command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(sim_port)]
         command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults)]
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
         second = f"udpclient:127.0.0.1:{second_port}" if second_port else "none"

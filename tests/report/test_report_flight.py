@@ -66,7 +66,7 @@ def test_every_rotor_pair_and_axis_is_drawn(hover):
 
 
 @pytest.mark.parametrize(
-    "ct, said", [(6.5, "PX4's default, 6.5"), (65.0, ""), (2.0, "not in newtons (5 N for 171 N)")]
+    "ct, reported", [(6.5, "PX4's default, 6.5"), (65.0, ""), (2.0, "not in newtons (5 N for 171 N)")]
 )
 def test_a_table_whose_ct_nobody_measured_is_not_held_against_the_flight(hover, monkeypatch, ct, reported):
     log, vehicle = hover

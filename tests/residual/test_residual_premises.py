@@ -52,7 +52,7 @@ def test_what_a_withheld_name_explains_is_told_with_its_size():
 
 
 @pytest.mark.parametrize(
-    ("moved", "source", "told"),
+    ("moved", "source", "determined"),
     [
         (("ground_effect",), "declared", True),
         (("ground_effect", "mass_change"), "declared", True),

@@ -1,15 +1,18 @@
 """What throttles, volts and amps of a stand say: the drive, full throttle, battery watts."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from coaxlink.data import Samples
+from coaxlink.data import Samples, read_stand_log
 from coaxlink.errors import InputError
 from coaxlink.files import example
 from coaxlink.mixer import make_law
 from coaxlink.rotor import save_rotor_model
 from coaxlink.rotor.drive_fit import drive_fits, watts_fits
 from coaxlink.rotor.identification import identify
+from coaxlink.rotor.log_checks import unusual
 from coaxlink.rotor.stand_data import normalised_speeds, stand_data
 from coaxlink.vehicle import load_vehicle
 from sim.physics.rotors import read_pair
@@ -112,6 +115,40 @@ def test_battery_watts_are_found_and_their_efficiency_is_a_drive_s():
         assert np.abs(off).max() < 0.05 and 0.7 < fit.efficiency < 0.95, side
 
 
+@pytest.mark.parametrize("share", [0.09, 0.0, -0.06])
+def test_a_current_sensor_that_reads_some_of_the_other_side_s_current_is_put_right(share):
+    true, pairs = motors(), (("upper", "lower"), ("lower", "upper"))
+    read = {
+        f"{own}_current_A": np.maximum(true[f"{own}_current_A"] - share * true[f"{other}_current_A"], 0.1)
+        for own, other in pairs
+    }
+    log = true.with_columns(**read)
+    for side, fit in watts_fits(log).items():
+        drawn = true[f"{side}_voltage_V"] * true[f"{side}_current_A"]
+        rad_s, torque = log[f"{side}_rpm"] * np.pi / 30, log[f"{side}_torque_Nm"]
+        flying = torque > 0.1
+        off = fit.power.watts(rad_s, torque)[flying] / drawn[flying] - 1.0
+        assert np.abs(off).max() < 0.06 and fit.crosstalk == pytest.approx(share, abs=0.015), side
+    assert any("on one ground" in line for line in unusual(stand_data(log), "crm")) == bool(share)
+
+
+COAX = Path(__file__).parents[3] / "shared" / "data" / "coax"
+
+
+@pytest.mark.shared_data
+@pytest.mark.skipif(not COAX.is_dir(), reason="needs the real stand data beside the repository")
+def test_on_a_public_stand_motors_gave_more_than_they_took_until_its_sensors_were_put_right():
+    log = read_stand_log(COAX / "mn4014_16in_zD055.csv", upper="left")
+    for side, fit in watts_fits(log).items():
+        rad_s, torque = log[f"{side}_rpm"] * np.pi / 30, log[f"{side}_torque_Nm"]
+        read = log[f"{side}_voltage_V"] * log[f"{side}_current_A"]
+        loaded = torque * rad_s > 20.0
+        assert fit.crosstalk == pytest.approx(0.09, abs=0.02) and fit.power.error < 5.0
+        assert (fit.power.watts(rad_s, torque) > 1.05 * torque * rad_s)[loaded].all()
+        if side == "upper":
+            assert np.sum(read[loaded] < (torque * rad_s)[loaded]) > 5
+
+
 @pytest.mark.parametrize("offset_A", [-0.3, 0.0])
 def test_no_battery_gives_less_than_the_shaft_takes(offset_A):
     """A current sensor that reads low where little flows: an allocator would go where power is free."""
@@ -124,8 +161,6 @@ def test_no_battery_gives_less_than_the_shaft_takes(offset_A):
 
 
 def test_more_shaft_than_battery_power_is_said_of_the_log():
-    from coaxlink.rotor.log_checks import unusual
-
     lines = list(unusual(stand_data(motors(amps_scale=0.6)), "crm"))
     assert any("battery's watts reach the shaft" in line for line in lines)
     assert not any("reach the shaft" in line for line in unusual(stand_data(motors()), "crm"))

@@ -271,7 +271,7 @@ def test_what_a_few_parameters_leave_out_is_said():
 
 
 @pytest.mark.parametrize(
-    "arm_m, spacing_m, said", [(400.0, 0.1, "0.4 for mill"), (0.5, 140.0, "0.14 for mill")]
+    "arm_m, spacing_m, reported", [(400.0, 0.1, "0.4 for mill"), (0.5, 140.0, "0.14 for mill")]
 )
 def test_millimetres_are_asked_about(arm_m, spacing_m, reported):
     with pytest.raises(InputError, match=f"metres are expected: {reported}"):

@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import common as m
 from sim.bridge.ardupilot_json import ArduPilotBridge
 from sim.bridge.px4_hil import Px4Bridge
 from sim.errors import PortError, SimulationError
+from sim.physics.power_module import PowerModule
 from sim.physics.sensors import SensorReading
 from sim.px4.cascade import Cascade, Four, Goal, Three
 from sim.px4.mixer import Px4Mixer
@@ -77,10 +78,10 @@ def running(bridge: Px4Bridge | ArduPilotBridge) -> Iterator[int]:
 class Px4Counterpart:
     """What PX4 does at its end of the TCP link: parse, and answer every HIL_SENSOR with controls."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, system: int = 1) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port), 5.0)
         self.socket.settimeout(5.0)
-        self.out, self.into = m.MAVLink(None, srcSystem=1, srcComponent=1), m.MAVLink(None)
+        self.out, self.into = m.MAVLink(None, srcSystem=system, srcComponent=1), m.MAVLink(None)
         self.fields: list[int] = []
         self.gps = 0
         self.accel: list[float] = []
@@ -247,3 +248,61 @@ def test_the_verb_opens_bridges_and_says_no_in_one_line() -> None:
         taken.listen()
         with pytest.raises(PortError, match="cannot be opened"):
             build_bridge(WORLD, "px4", f"tcpin:127.0.0.1:{taken.getsockname()[1]}")
+
+
+def test_the_pack_is_told_to_the_instance_that_listens_beside() -> None:
+    """As a smart battery of PX4's own system, the sum of its cells and the amps as the power module reads."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        instance, bridge = _free_instance(line)
+        line.settimeout(5.0)
+        bridge.plant.sensing.power_module = PowerModule(scale=2.0)
+        with running(bridge) as port:
+            assert port == 4560 + instance
+            px4 = Px4Counterpart(port, instance + 1)
+            for _ in range(17):
+                stamp, _ = px4.sensor()
+            heard = []
+            for _ in range(500):
+                px4.controls(stamp.time_usec, np.full(8, 0.5))
+                stamp, _ = px4.sensor()
+            line.settimeout(0.2)
+            with suppress(TimeoutError):
+                while True:
+                    heard += m.MAVLink(None).parse_buffer(line.recv(4096))
+            px4.socket.close()
+    told = heard[-1]
+    assert {(a.get_srcSystem(), a.get_srcComponent(), a.get_type()) for a in heard} == {
+        (instance + 1, 180, "BATTERY_STATUS")
+    }
+    assert len(heard) >= 20  # ten a second
+    volts = sum(v for v in told.voltages if v < 0xFFFF) / 1000.0
+    assert volts == pytest.approx(bridge.plant.voltage, abs=0.5)
+    assert told.current_battery / 100.0 == pytest.approx(2.0 * bridge.plant.current, rel=0.1)
+    assert 90 <= told.battery_remaining <= 95 and told.current_consumed >= 0
+
+
+def _free_instance(line: socket.socket) -> tuple[int, Px4Bridge]:
+    for instance in range(60, 100):
+        with suppress(PortError):
+            bridge = build_bridge(WORLD, "px4", f"tcpin:127.0.0.1:{4560 + instance}", battery=True)
+            try:
+                line.bind(("127.0.0.1", 14280 + instance))
+            except OSError:
+                bridge.close()
+                continue
+            assert isinstance(bridge, Px4Bridge)
+            return instance, bridge
+    raise AssertionError("no instance of PX4 is free on this machine")
+
+
+def test_ardupilot_reads_the_amps_of_the_power_module() -> None:
+    bridge = build_bridge(WORLD, "ardupilot", "udpin:127.0.0.1:0")
+    bridge.plant.sensing.power_module = PowerModule(offset_A=7.0)
+    try:
+        for count in range(1, 500):
+            answer = bridge.answer(struct.pack("<HHI16H", 18458, 400, count, *[1500] * 16))
+        told = json.loads(answer)["battery"]
+    finally:
+        bridge.close()
+    assert told["current"] == pytest.approx(bridge.plant.current + 7.0, rel=0.02)
+    assert told["voltage"] == pytest.approx(bridge.plant.voltage)

@@ -20,7 +20,7 @@ from coaxlink.residual.faults.kinematics import flying_rows
 from coaxlink.residual.faults.states import Finding, Mask
 
 # priors: name = value  # unit, source
-FEWEST = 3  # speeds, of which one is told by the others
+FEWEST = 3  # speeds, of which one is determined by the others
 OFTEN = 0.5  # of the rows have to have a speed, judgement
 CORNERS = 1e-9  # of the most speed: a straight line between two messages bends by less
 
