@@ -2,25 +2,28 @@
 
     ARDUCOPTER_SITL=.../arducopter PX4_MODULE_SITL=.../bin/px4 python research/split_real.py KEEP
         [--only mn4014_16in_zD055] [--ways ardupilot module] [--flights 2] [--minutes 6] [--reach 0.12]
-        [--share 0.51] [--calm]
+        [--share 0.51] [--calm] [--abort]
 
 KEEP gets a folder a map: `rotor.toml`, `x8.toml`, and `coax_px4`, the module of that vehicle; where the
 binary of PX4 is of another vehicle its flights are refused, and say so. The world is that of
 `research/split_flown.py` (its gusts, windings, pack and power module), behind the firmware's own simulation
 interface and looked at by a recorder at the plant; at real time, in the real-time class. Every flight but
 the first has those before in `--after`. Then `identify`, `refine` and `health` of its logs. `--share` puts
-the table of that share on board of ArduCopter first.
+the table of that share on board of ArduCopter first. With `--abort` the pilot takes every flight over by a
+mode change, once the split has been far from that on board for FAR_S: seconds until it is back, height lost.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,11 +32,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink import mavutil
 from split_flown import HERE, TRUTH, Found, Simulation, judged, logs, prepared, show
 from table_worth_real import settings
 
 from coaxlink.live.onboard.description import board_law
 from coaxlink.mavlink import connect
+from coaxlink.studies.simulator import free_port
 from coaxlink.vehicle import load_vehicle
 from sim.physics.plant import Plant
 from sim.simulation import Simulation as SimWorld
@@ -45,17 +50,22 @@ sys.path.insert(0, str(HERE.parent / "tests" / "real"))
 from real_autopilots import Px4, arducopter, free_instance, real_time
 from test_real_ardupilot import FACTORY
 
-EVERY_S = 0.1  # between two looks at the plant
+EVERY_S = 0.02  # between two looks at the plant
+FAR, NEAR, FAR_S = 0.05, 0.01, 5.0  # of the share, from that on board
+LOST_S = 1.0  # in which the height is looked at: a landing sinks by less than that
+HOLD, BRAKE = (1, 4, 3, 0, 0, 0, 0), (1, 17, 0, 0, 0, 0, 0)  # base mode, PX4's Hold; ArduCopter's Brake
 PATIENCE_S = 240.0  # wall time until an estimator has settled
 
 
 class Watched(Truth):
-    """A world that keeps a row of its plant: s, share from above, W of the rotors, m high."""
+    """A world that keeps a row of its plant: s, share from above, W of the rotors, m high, wall s. Sets `far`
+    once the share has been far for FAR_S from what it was when first in the air for as long."""
 
-    def __init__(self, truth: Truth, gusts: int) -> None:
+    def __init__(self, truth: Truth, gusts: int, far: Any) -> None:
         super().__init__(truth.effects, gusts)
-        self.rows: list[tuple[float, float, float, float]] = []
-        self._last_s = -1.0
+        self.rows: list[tuple[float, ...]] = []
+        self._last_s, self._far = -1.0, far
+        self._air_s, self._board, self._since_s = math.inf, math.nan, math.inf
 
     def act(self, plant: Plant) -> None:
         super().act(plant)
@@ -66,13 +76,25 @@ class Watched(Truth):
             self._last_s = plant.time_s
             upper = np.asarray(plant.vehicle.level) != LOWER
             share = plant.thrust[upper].sum() / max(plant.thrust.sum(), 1e-9)
-            self.rows.append((plant.time_s, float(share), float(plant.rotor_watts().sum()), plant.height))
+            watts = float(plant.rotor_watts().sum())
+            self.rows.append((plant.time_s, float(share), watts, plant.height, time.monotonic()))
+            self._look(plant.time_s, float(share), plant.height)
+
+    def _look(self, now: float, share: float, height: float) -> None:
+        if height < 2.0:
+            self._air_s = now
+        elif now - self._air_s < FAR_S:
+            self._board = share if math.isnan(self._board) else self._board + 0.02 * (share - self._board)
+        elif abs(share - self._board) < FAR:
+            self._since_s = now
+        elif now - self._since_s > FAR_S:
+            self._far.set()
 
 
-def _world(to: str, world: SimWorld, address: str, gusts: int, over: Any, pipe: Any) -> None:
+def _world(to: str, world: SimWorld, address: str, gusts: int, over: Any, far: Any, pipe: Any) -> None:
     """The plant's process: serve the firmware until `over`, then give the rows."""
     bridge = build_bridge(world, to, address, 1.0, battery=True)
-    bridge.truth = truth = Watched(bridge.truth, gusts)
+    bridge.truth = truth = Watched(bridge.truth, gusts, far)
     pipe.send(int(bridge.name.rpartition(":")[2]))
     try:
         bridge.run(over.is_set)
@@ -86,14 +108,17 @@ class Served:
 
     def __init__(self, to: str, world: SimWorld, address: str, gusts: int) -> None:
         self._of = (to, world, address, gusts)
-        self.rows: NDArray[np.float64] = np.empty((0, 4))
+        self.rows: NDArray[np.float64] = np.empty((0, 5))
         self.status = ""
+        self._context = multiprocessing.get_context("spawn")
+        self.far = self._context.Event()
 
     def __enter__(self) -> int:
-        context = multiprocessing.get_context("spawn")
+        context = self._context
         self._over = context.Event()
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_world, args=(*self._of, self._over, theirs), daemon=True)
+        words = (*self._of, self._over, self.far, theirs)
+        self._process = context.Process(target=_world, args=words, daemon=True)
         self._process.start()
         return int(self._pipe.recv())
 
@@ -120,7 +145,9 @@ def ardupilot(frame: Path, folder: Path, served: Any, share: float | None) -> It
     made = [("bridge", frame)]
     if share is not None:
         made.append(("table", frame, "--firmware", "ardupilot", "--share", share))
-    with arducopter(Path(os.environ["ARDUCOPTER_SITL"]), folder, params, speed=1.0, world=served) as url:
+    binary, pilot = Path(os.environ["ARDUCOPTER_SITL"]), free_port()
+    served.pilot = f"udpin:127.0.0.1:{pilot}"
+    with arducopter(binary, folder, params, speed=1.0, world=served, second_port=pilot) as url:
         for words in made:
             files = folder / words[0]
             told(*words, "--out", files)
@@ -142,10 +169,59 @@ def module(frame: Path, folder: Path, served: Any, share: float | None) -> Itera
     instance = int(served.instance)
     board = Px4(Path(os.environ["PX4_MODULE_SITL"]), folder, instance)
     params = settings(frame, "module", stock=False) | {"SIM_BAT_ENABLE": 0.0, "COM_FLTT_LOW_ACT": 1.0}
+    served.pilot = f"udpout:127.0.0.1:{18570 + instance}"
     with served, board.boot(params, cut=True) as url:
         with connect(url, timeout_s=90.0):
             board.start_module(board_law(load_vehicle(frame)).hover)
         yield url
+
+
+def aborted(served: Any, words: list[Any]) -> None:
+    """The verb, and a pilot who takes over while the split is far; leaves when in `served.taken_s`."""
+    link: Any = mavutil.mavlink_connection(served.pilot, source_system=250)
+    done = threading.Event()
+
+    def pilot() -> None:
+        while not done.is_set() and not served.far.wait(0.2):
+            link.mav.heartbeat_send(6, 8, 0, 0, 4)
+            while link.recv_msg() is not None:
+                pass
+        served.taken_s = time.monotonic()
+        mode = HOLD if served.pilot.startswith("udpout") else BRAKE
+        for _ in range(3):
+            link.mav.command_long_send(link.target_system or served.instance + 1, 1, 176, 0, *mode)
+            time.sleep(0.05)
+
+    thread = threading.Thread(target=pilot)
+    thread.start()
+    try:
+        _, served.said = verb(*words)
+        time.sleep(2.0)
+    finally:
+        done.set()
+        thread.join()
+        link.close()
+
+
+def ended(name: str, served: Any) -> None:
+    """What the rows of an aborted flight say."""
+    if not served.far.is_set():
+        raise RuntimeError(f"never far from the split on board: {served.said[-300:]}")
+    wall, share, height = served.rows[:, 4], served.rows[:, 1], served.rows[:, 3]
+    after = wall >= served.taken_s
+    air = np.argmax(height > 2.0)
+    board = float(np.median(share[air : air + int(FAR_S / EVERY_S)]))
+    far = np.abs(share - board) > NEAR
+    until = served.taken_s + 3.0
+    last = wall[after & far & (wall < until)]
+    back = float(last[-1] - served.taken_s) if len(last) else 0.0
+    moved = height[after & (wall < served.taken_s + back + LOST_S)] - height[after][0]
+    ending = served.said.strip().splitlines()[-1]
+    print(
+        f"{name}: share {share[after][0]:.3f}, {board:.3f} on board; back {back:.2f} s after the pilot's "
+        f"word; height {moved.min():+.2f} to {moved.max():+.2f} m until {LOST_S:g} s after: {ending}",
+        flush=True,
+    )
 
 
 def flown(way: str, path: Path, frame: Path, folder: Path, number: int, o: Any, after: list[Path]) -> Any:
@@ -168,8 +244,12 @@ def flown(way: str, path: Path, frame: Path, folder: Path, number: int, o: Any, 
         end, code, said = time.monotonic() + PATIENCE_S, 4, ""
         while code == 4 and time.monotonic() < end:
             code, said = verb(*words, "--connect", url, "--dry-run")
-        if code == 0:
+        if code == 0 and o.abort:
+            aborted(served, [*words, "--connect", url, "--yes", "--no-log", "--out", folder / "log"])
+        elif code == 0:
             code, said = verb(*words, "--connect", url, "--yes", "--out", folder / "log", "--json", out)
+    if o.abort:
+        return {}, served
     (folder / "said.txt").write_text(said)
     if code:
         raise RuntimeError(f"exit {code}: {said.strip()[-400:]}")
@@ -206,9 +286,12 @@ def walk(way: str, path: Path, keep: Path, o: Any) -> None:
     levels, after = [], []
     for number in range(o.flights):
         found = Found(f"{path.stem} {way} flight {number + 1}")
-        place = folder / f"{way}_{o.share or 'board'}_{number}"
+        place = folder / f"{way}_{'abort' if o.abort else o.share or 'board'}_{number}"
         try:
             answer, rows = flown(way, path, frame, place, number, o, after)
+            if o.abort:
+                ended(found.name, rows)
+                continue
             if "share" not in answer["split"]:
                 raise RuntimeError(answer["split"]["why"])
             levels += true_shares(answer, rows)
@@ -234,6 +317,7 @@ def main() -> int:
     parser.add_argument("--reach", type=float, default=0.12)
     parser.add_argument("--share", type=float, help="ardupilot: the table of this share is on board")
     parser.add_argument("--calm", action="store_true", help="a world without any of those effects")
+    parser.add_argument("--abort", action="store_true", help="the pilot takes over; how soon, how high")
     o = parser.parse_args()
     needed = {"ardupilot": "ARDUCOPTER_SITL", "module": "PX4_MODULE_SITL"}
     for way in o.ways:

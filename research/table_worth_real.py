@@ -201,14 +201,20 @@ def served(
 
 
 def fly(
-    binary: Path, airframe: Path, rotor: Path | None, law: str, params: dict[str, float], seed: int
+    binary: Path,
+    airframe: Path,
+    rotor: Path | None,
+    law: str,
+    params: dict[str, float],
+    seed: int,
+    speed: float,
 ) -> tuple[dict[str, float], float, str]:
     """One flight's figures, the longest time between set-points, and what the lock-step says of it."""
     instance, live = free_instance(), law == "companion"
     with (
         real_time() if live else nullcontext(),
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        served(airframe, rotor, 4560 + instance, seed, 1.0 if live else 0.0) as (now, rows),
+        served(airframe, rotor, 4560 + instance, seed, 1.0 if live else speed) as (now, rows),
     ):
         board = Px4(binary, Path(folder), instance)
         with board.boot(params, cut=True) as url, connect(url, timeout_s=60.0) as session:
@@ -345,6 +351,7 @@ def main() -> int:
     parser.add_argument("--ways", nargs="+", choices=(*TABLES, *ON_BOARD), default=None)
     parser.add_argument("--airframe", type=Path, default=ROOT / "examples" / "x8_demo.toml")
     parser.add_argument("--rotor", type=Path, help="what the world's rotors are; else the airframe's")
+    parser.add_argument("--speed", type=float, default=0.0, help="times real time; 0: what is possible")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--stock", action="store_true", help="vertical gains as PX4 ships them")
     parser.add_argument("--json", type=Path)
@@ -365,7 +372,9 @@ def main() -> int:
             late = math.inf
             while late > LATE_S:
                 try:
-                    one, late, status = fly(binaries[law], o.airframe, o.rotor, law, params[law], seed)
+                    one, late, status = fly(
+                        binaries[law], o.airframe, o.rotor, law, params[law], seed, o.speed
+                    )
                 except CoaxlinkError as error:
                     print(f"{law}, repeat {seed}: {error}", file=sys.stderr)
                     return error.exit_code

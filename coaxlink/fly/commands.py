@@ -76,13 +76,13 @@ class ModeWatch:
     """
 
     def __init__(self) -> None:
-        self._entered, self._missed = False, 0
+        self.entered, self._missed = False, 0
 
     def left(self, ours: bool) -> bool:
         """Whether, after a heartbeat of our mode or of another, somebody else has it."""
         self._missed = 0 if ours else self._missed + 1
-        self._entered = self._entered or ours
-        return self._missed > (0 if self._entered else 1)
+        self.entered = self.entered or ours
+        return self._missed > (0 if self.entered else 1)
 
 
 class Commander:
@@ -217,18 +217,21 @@ class Commander:
         `landing` may leave it once it is disarmed.
         """
         mode_watch, began, t, height_m = ModeWatch(), 0.0, -1.0, 0.0
-        with self.session.listen(("LOCAL_POSITION_NED", "HEARTBEAT")) as inbox:
+        with self.session.listen(("LOCAL_POSITION_NED", "HEARTBEAT", "HIGH_LATENCY2")) as inbox:
             while True:
                 message = self.session.take(inbox, SILENCE_S)
                 if message is None:
                     lost = "its own failsafe for a lost link has the vehicle now"
                     raise LinkError(self.session.address, f"silent for {SILENCE_S:.0f} s: {lost}")
-                if message.get_type() == "HEARTBEAT":
-                    if not landing and height_m > FLYING_M and _stopped(message):
+                if message.get_type() != "LOCAL_POSITION_NED":
+                    beat = message.get_type() == "HEARTBEAT"
+                    if beat and not landing and height_m > FLYING_M and _stopped(message):
                         words = self._of_a_crash()
                         raise Crashed(f"crashed: its motors stopped {height_m:.1f} m high in {doing}{words}")
-                    custom = int(message.custom_mode)
+                    custom = int(message.custom_mode) << (0 if beat else 16)
                     ours = custom == guided if self._ardupilot else custom >> 16 & 0xFF == main
+                    if not beat and (landing or not mode_watch.entered):
+                        continue  # whether armed, and first in the mode, beats say; PX4 alone is asked
                     if mode_watch.left(ours) and not (landing and not self.session.armed):
                         raise PlanAbandoned(
                             f"the vehicle left {doing} after {max(t, 0.0):.0f} s: its pilot or its own "

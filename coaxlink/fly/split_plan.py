@@ -20,8 +20,9 @@ from coaxlink.mavlink.telemetry import Telemetry
 RAMP_S = 1.0  # from a level to the next
 SETTLE_S = 4.0  # after a step until readings count: the ramp, the height loop and the power module's filter
 DWELL_S = 18.0  # settling takes two ninths of it; at 12 s a third, and savings scattered by a fifth more
-POWER_HZ, BEATS_HZ = 10.0, 10.0  # of battery readings, and of heartbeats, which tell the pilot's mode change
-BATTERY, HEARTBEAT = 147, 0  # message ids
+POWER_HZ, MODE_HZ = 10.0, 10.0  # of battery readings, and of what tells the pilot's mode change
+# message ids; PX4 refuses an interval for its heartbeat, which comes once a second, not for HIGH_LATENCY2
+BATTERY, HEARTBEAT, HIGH_LATENCY2 = 147, 0, 235
 ESC_STATUS, ESC_TELEMETRY = 291, 11030  # of PX4, and of ArduPilot, which sends its others with it
 COLUMNS = ("sinking", "falling", "tilt")  # what moves the watts beside time and the split
 
@@ -148,8 +149,9 @@ class PowerRecord:
 def hearing(session: Session, record: PowerRecord) -> Iterator[None]:
     """A record that hears what the vehicle says of its battery, often enough."""
     session.request_stream(BATTERY, POWER_HZ)
-    session.request_stream(HEARTBEAT, BEATS_HZ)
-    session.request_stream(ESC_TELEMETRY if session.identity.is_ardupilot else ESC_STATUS, POWER_HZ)
+    ardupilot = session.identity.is_ardupilot
+    session.request_stream(HEARTBEAT if ardupilot else HIGH_LATENCY2, MODE_HZ)
+    session.request_stream(ESC_TELEMETRY if ardupilot else ESC_STATUS, POWER_HZ)
     ends = [session.subscribe(record.telemetry.hear), session.subscribe(record.hear)]
     try:
         yield

@@ -40,6 +40,7 @@ class ApConversation(Conversation):
     file_manners = MANNERS
     first_log = 1
     unknown_stream = DENIED
+    own_pace: frozenset[int] = frozenset()
     words_to_stations_only = False
     words_end = ""
 

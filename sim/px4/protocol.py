@@ -41,6 +41,8 @@ class Conversation:
     words_to_stations_only = True  # STATUSTEXT goes where a ground station's heartbeat is heard
     words_end = "\t"  # of a text that is an event as well
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
+    # HEARTBEAT: no other interval is taken (mavlink_receiver.cpp of 1.13 to 1.16, set_message_interval)
+    own_pace: frozenset[int] = frozenset({0})
 
     def __init__(
         self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None], clock: Clock
@@ -324,6 +326,8 @@ class Conversation:
     def _set_interval(self, message_id: int, interval_us: float) -> int:
         if message_id not in self.builders:
             return self.unknown_stream
+        if message_id in self.own_pace:
+            return FAILED
         if interval_us < 0:
             self.interval_us.pop(message_id, None)
         elif interval_us == 0:

@@ -58,6 +58,17 @@ def heartbeat(a: Autopilot) -> Any:
     return m.MAVLink_heartbeat_message(kind, 12, flags, int(a.mode), 4 if a.armed else 3, 3)
 
 
+def high_latency2(a: Autopilot) -> Any:
+    """235. The upper half of the heartbeat's mode; of the rest only where it points and its charge."""
+    r, charge = a.reading, round(100 * a.plant.charge)
+    lat, lon = (round(1e7 * degrees) for degrees in a.home.geodetic(*r.position[:2].tolist()))
+    up, mode = round(a.home.alt - float(r.position[2])), int(a.mode) >> 16
+    nothing = [0] * 13  # from the heading to the climb
+    return m.MAVLink_high_latency2_message(
+        stamp_ms(a), TYPES.get(a.rotors, 2), 12, mode, lat, lon, up, up, *nothing, charge, 0, 0, 0, 0, 0
+    )
+
+
 def sys_status(a: Autopilot) -> Any:
     """1. The prearm bit says whether it would arm."""
     bits = PRESENT | PREARM
@@ -283,6 +294,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Any]] = {
     147: battery_status,
     148: autopilot_version,
     230: estimator_status,
+    235: high_latency2,
     42: mission_current,
     242: home_position,
     245: extended_sys_state,
