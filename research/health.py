@@ -199,8 +199,9 @@ def onset_flights(count: int, seed: int) -> list[str]:
     """The table of single flights, a row a kind."""
     rows = judged_alone(count, seed, (*FAULTS, *FAULTS, *OTHERS))
     lines = [
-        "| one flight alone | sound | watch | ground it | of the called: right rotor | loss inside |",
-        "|---|---:|---:|---:|---:|---:|",
+        "| one flight alone | sound | watch | ground it | of the called: right rotor | loss inside | "
+        "of all: the weak rotor's share in the table's interval | the others' |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for what in (*FAULTS, *OTHERS):
         own_rows = [r for r in rows if r["what"] == what]
@@ -208,8 +209,11 @@ def onset_flights(count: int, seed: int) -> list[str]:
         cells = [sum(r["verdict"] == v for r in own_rows) for v in ("sound", "watch", "ground it")]
         right = sum(r["named"] for r in called)
         within = sum(r["named"] and r["inside"] for r in called)
-        determined = (f"{right} of {len(called)}", f"{within} of {right}") if what in FAULTS else ("", "")
-        lines.append(f"| {what} | {' | '.join(str(c) for c in (*cells, *determined))} |")
+        held = sum(r["held"] for r in own_rows)
+        fault = (f"{right} of {len(called)}", f"{within} of {right}", f"{held} of {len(own_rows)}")
+        others = " of ".join(str(sum(r["others"][k] for r in own_rows)) for k in (0, 1))
+        cells = [*cells, *(fault if what in FAULTS else ("", "", "")), others]
+        lines.append(f"| {what} | {' | '.join(map(str, cells))} |")
     return lines
 
 

@@ -25,7 +25,8 @@ MODULES = (
 )  # fmt: skip
 # contraction and reordering of sums, not the assumption that all numbers are finite
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp", "reassoc"}}
-plain = register_jitable(**OPTIONS)  # for what is compiled together with whoever calls it
+# for what is compiled together with whoever calls it, within that: a function of its own has a copy beside
+# each caller's and one alone, which round otherwise, and the first that a process has is run by all
 inlined = register_jitable(forceinline=True, **OPTIONS)
 
 

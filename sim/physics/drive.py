@@ -6,13 +6,13 @@ from __future__ import annotations
 import math
 
 from sim.physics import layout as at
-from sim.physics.compile_cache import inlined, plain
+from sim.physics.compile_cache import inlined
 from sim.physics.forces import looked_up
 
 COPPER_1_K = 0.00393
 
 
-@plain
+@inlined
 def open_circuit(cells, charge):
     """Open-circuit voltage (V) of a lithium pack at state of charge 0..1: a slope and a knee at the end."""
     return cells * (3.55 + 0.60 * charge - 0.35 * math.exp(-charge / 0.06))

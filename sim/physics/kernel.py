@@ -23,7 +23,7 @@ import numpy as np
 
 from sim.physics import layout as at
 from sim.physics import sensing
-from sim.physics.compile_cache import OPTIONS, cached, inlined, plain
+from sim.physics.compile_cache import OPTIONS, cached, inlined
 from sim.physics.drive import follow, kept, lag_of, retarget, supply, turned
 from sim.physics.forces import rotated, spin, wrench
 
@@ -142,7 +142,7 @@ def onward(stage, h, y, f, start, slope, total, blades):
             y[k] *= scale
 
 
-@cached(**OPTIONS)
+@cached(forceinline=True, **OPTIONS)
 def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
     """`steps` steps of h seconds at constant command (N); state is advanced in place.
 
@@ -184,7 +184,7 @@ def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
     stored(w, f, state, out)
 
 
-plain(sensing.read)
+inlined(sensing.read)
 
 
 @cached(**OPTIONS)

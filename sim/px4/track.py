@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from sim.physics.compile_cache import OPTIONS, cached, plain
+from sim.physics.compile_cache import OPTIONS, cached, inlined
 from sim.physics.sensing import R_POS, R_QUAT, R_RATES, R_VEL
 from sim.px4 import loops
 from sim.px4.loops import D_ATTITUDE, D_RATES, D_THRUST, M_OUT
@@ -12,10 +12,10 @@ for _name in (
     "multiply", "conjugate", "reduced_tilt", "matrix_to_quaternion", "euler", "learn_hover", "low_passed",
     "accelerate", "point", "rates_for", "turn",
 ):  # fmt: skip
-    plain(getattr(loops, _name))
+    inlined(getattr(loops, _name))
 
 
-@plain
+@inlined
 def steer(goal, r, g, m, dt, demand):
     """Fill `demand` (DEMAND) with what PX4's loops make of a goal (GOAL) and a reading."""
     attitude = (r[R_QUAT], r[R_QUAT + 1], r[R_QUAT + 2], r[R_QUAT + 3])

@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.flight_log import log_row
 from sim.physics import sensing, wind
-from sim.physics.compile_cache import OPTIONS, cached, plain
+from sim.physics.compile_cache import OPTIONS, cached, inlined
 from sim.physics.kernel import advance
 from sim.physics.layout import CURRENT, SPEED, VOLTAGE
 from sim.px4.loops import D_ATTITUDE, D_RATES, D_THRUST
@@ -23,7 +23,7 @@ from sim.px4.track import steer
 from sim.quick.mix import call_law, px4_command
 
 for _function in (wind.blow, log_row):
-    plain(_function)
+    inlined(_function)
 
 # sums over the judged part
 (
@@ -35,7 +35,7 @@ FLEW, TIPPED, GROUND = 0, 1, 2
 PWM_STEPS = 1000.0
 
 
-@plain
+@inlined
 def judge(state, out, goal, demand, command, n, top, a):
     """Add one turn to the sums."""
     w, x, y, z = state[6], state[7], state[8], state[9]

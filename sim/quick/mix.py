@@ -22,7 +22,9 @@ YAW_MARGIN = 0.15
 FLT_EPSILON = 1.1920928955078125e-07
 ROLL, PITCH, YAW, THRUST_Z = 0, 1, 2, 5
 
-exactly = register_jitable(error_model="numpy")  # no reordering: float32 sums decide the last bit
+exactly = register_jitable(
+    forceinline=True, error_model="numpy"
+)  # no reordering: float32 sums decide the last bit
 
 
 @exactly

@@ -220,3 +220,17 @@ def test_commands_that_no_demand_made_are_read_at_their_own_rate(tmp_path: Path)
     commands = 0.5 + 0.1 * np.random.default_rng(6).standard_normal((LONG, 4))
     path.write_bytes(slowly_commanded(np.clip(commands, 0.1, 0.9), demands))
     assert np.median(np.diff(read_flight_log(path)["time_s"])) > 0.099
+
+
+def test_demands_that_no_controller_makes_are_left_out(tmp_path: Path) -> None:
+    """As of a damaged message: neither a failed fit nor a warning on the terminal."""
+    path, demands = tmp_path / "flight.ulg", stepping(LONG)
+    commands = demands @ MIXER.T
+    damaged = demands.copy()
+    damaged[301:304] = [[3e38, -3e38, np.inf, 0.0], [-3e38, 3e38, 0.0, 3e38], [40.0, 0.0, 0.0, 0.0]]
+    path.write_bytes(slowly_commanded(commands, damaged))
+    log = read_flight_log(path)
+    row = np.round(log["time_s"] / 0.02).astype(int)
+    sound = (row < 295) | (row > 310)
+    for n in range(4):
+        assert np.abs(log[f"motor{n + 1}"] - commands[row, n])[sound].max() < 1e-4

@@ -96,6 +96,11 @@ def test_commands_run_between_the_boards_own_limits_on_its_own_outputs() -> None
     rising = [(us - 1100) / 800 for us in pulses]
     cases = {
         "PX4": (px4, rising[::-1], ""),
+        "ESCs on CAN": (
+            {f"UAVCAN_EC_FUNC{n}": 100.0 + n for n in range(1, 9)}
+            | {f"UAVCAN_EC_{end}{n}": v for n in range(1, 9) for end, v in (("MIN", 100.0), ("MAX", 8000.0))},
+            [(raw - 100) / 7900 for raw in pulses], "",
+        ),
         "PX4, nothing read": ({}, [(us - 1000) / 1000 for us in pulses], "assumed"),
         "MOT_PWM_MIN": ({**ardupilot, "MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}, rising, ""),
         "by the radio": ({**ardupilot, "RC3_MIN": 1100.0, "RC3_MAX": 1900.0}, rising, ""),

@@ -3,12 +3,15 @@ paper's eq. 15 and 18."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from monitor_messages import X8, heartbeat, look, px4_table, servo
 from pymavlink.dialects.v20 import ardupilotmega
 
+from coaxlink.data.logs.outputs import motor_map
 from coaxlink.files import example
-from coaxlink.monitor.incoming.table_reader import table_parameters
+from coaxlink.monitor.incoming.table_reader import TableReader, table_parameters
 from coaxlink.monitor.state.table import describe, intended
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
@@ -140,3 +143,22 @@ def test_what_table_writes_is_called_by_its_law_on_every_kind_of_vehicle() -> No
         for law in ("standard", "reduced", "fitted"):
             params = {"CA_METHOD": 2.0, "CA_AIRFRAME": 0.0} | report_px4(vehicle, law).params
             assert describe(params, vehicle).kind == law, (name, law)
+
+
+@pytest.mark.parametrize("driver", ["PWM_MAIN", "PWM_AUX", "UAVCAN_EC"])
+def test_the_limits_of_whatever_drives_the_motors_are_read(driver: str) -> None:
+    board = {f"{driver}_FUNC{n}": 100.0 + n for n in range(1, 9)} | {"CA_ROTOR_COUNT": 8.0, "CA_METHOD": 0.0}
+    board |= {f"{driver}_{end}{n}": v for n in range(1, 9) for end, v in (("MIN", 90.0), ("MAX", 8000.0))}
+    heard: dict[str, float] = {}
+    session = SimpleNamespace(identity=SimpleNamespace(is_px4=True, version=(1, 15)))
+    reader = TableReader.__new__(TableReader)
+    reader._heard = SimpleNamespace(put_parameters=lambda table, **_: heard.update(table))
+    reader._session, reader._hash, reader._complete, reader._outputs = session, None, False, {}
+    reader._parameters = SimpleNamespace(
+        answering=lambda names: {n: SimpleNamespace(value=board[n]) for n in names if n in board}
+    )
+    reader.refresh()
+    outputs, taken = motor_map(heard, 8)
+    assert taken == "" and {(o.motor, o.low, o.high) for o in outputs} == {
+        (n, 90.0, 8000.0) for n in range(1, 9)
+    }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from firmware_params import px4
 from sim.effects import HiddenEffect
 from sim.errors import SimulationError
 from sim.flights import row
+from sim.physics.compile_cache import folder
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Autopilot, Mode
@@ -153,3 +156,18 @@ def test_a_plans_speed_is_the_slope_of_its_place() -> None:
                     continue
                 assert np.allclose(np.gradient(goals[:, :3], t, axis=0), goals[:, 3:6], atol=2e-3)
                 assert np.allclose(np.gradient(goals[:, 3:6], t, axis=0), goals[:, 6:9], atol=2e-2)
+
+
+def test_compiled_code_calls_no_function_of_its_own_that_another_has_too(design) -> None:
+    """Of two copies a process runs the first that it has: who compiled and who loaded rounded otherwise."""
+    fly_quick(design, FlightWorld((), 1, "hover", 0.1, 0.0))
+    (kept, *_) = sorted(folder().rglob("kernel.fly-*.nbc"), key=lambda p: -p.stat().st_mtime)
+
+    def objects(value) -> list[bytes]:
+        if isinstance(value, tuple | list):
+            return [found for part in value for found in objects(part)]
+        return [value] if isinstance(value, bytes) and value.startswith(b"\x7fELF") else []
+
+    (code,) = objects(pickle.loads(kept.read_bytes()))
+    names = {name.split(b"B", 1)[0] for name in re.findall(rb"_ZN3sim\w+", code)}
+    assert names == {b"_ZN3sim5quick6kernel3fly"}

@@ -19,6 +19,7 @@ from coaxlink.data.resolution import resolution_of
 
 DEMANDS = {"vehicle_torque_setpoint": (0, 1, 2), "vehicle_thrust_setpoint": (0, 1, 2)}
 LEAST_ROWS = 40  # free of limits: ten a demand
+MOST = 10.0  # times full thrust or torque, which are 1: beyond is a damaged message
 OFTEN = 0.75  # of the commands' period: a slower demand tells nothing that they do not
 
 
@@ -74,7 +75,9 @@ def _held(command: Array, made: Array) -> NDArray[np.bool_]:
 def _demand(topic: Message | None, axes: tuple[int, ...]) -> TimeSeries | None:
     if topic is None or any(f"xyz[{i}]" not in topic for i in axes):
         return None
-    return TimeSeries.of(topic["time_s"], {f"xyz{i}": np.nan_to_num(topic[f"xyz[{i}]"]) for i in axes})
+    given = {f"xyz{i}": np.where(np.isnan(topic[f"xyz[{i}]"]), 0.0, topic[f"xyz[{i}]"]) for i in axes}
+    none = np.logical_or.reduce([np.abs(one) > MOST for one in given.values()])
+    return TimeSeries.of(topic["time_s"], {name: np.where(none, np.nan, one) for name, one in given.items()})
 
 
 def _at(stamps: Array, demands: list[TimeSeries]) -> Array:

@@ -19,7 +19,7 @@ PX4_NAMES = ("CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT", "THR_MDL_FAC")
 ROTOR_FIELDS = ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")
 # all that is of an ArduPilot's table, but what the autopilot learns in flight
 AP_NAMES = ("FRAME_CLASS", "FRAME_TYPE", *(n for n in MotorParameters().to_params() if n != "MOT_THST_HOVER"))
-DRIVERS = ("PWM_MAIN", "PWM_AUX")
+DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC")
 THRESHOLDS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
 _SERVOS = (*(f"SERVO{n}_FUNCTION" for n in range(1, 17)), "MOT_PWM_TYPE")
 

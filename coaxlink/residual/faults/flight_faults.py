@@ -212,8 +212,10 @@ class _Judged:
         yield f"{roll}, {pitch}", EXCHANGED, there
         sigma = noise_of(self.sound[usable])
         off = usable & np.any(np.abs(self.sound) > 3.0 * sigma, axis=1)
+        # a column that is off from the middle on is neither as a whole nor by its outliers what it is there
+        half = np.arange(len(usable)) >= len(usable) // 2
         for name in (*self.linear.scales, *ANGLES):
-            for at in (usable, off):
+            for at in (usable, off, usable & half, usable & ~half):
                 times = self.linear.scale(name, self.misses, sigma, at) if at.any() else 1.0
                 if SHARE[name][0] <= 1.0 / times <= SHARE[name][1]:
                     continue

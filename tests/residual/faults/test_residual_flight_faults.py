@@ -85,6 +85,10 @@ def test_what_the_rest_of_the_log_contradicts_is_flagged(clean):
             ("vel_e_m_s", lambda log: {"vel_e_m_s": -log["vel_e_m_s"]}),
             ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
             ("height_m", lambda log: {"height_m": log["height_m"] / 0.3048}),
+            (
+                "height_m",
+                lambda log: {"height_m": np.where(log["time_s"] > 30.0, -1.0, 1.0) * log["height_m"]},
+            ),
             ("roll_rad", lambda log: {"roll_rad": -log["roll_rad"]}),
             ("pitch_rad", lambda log: {"pitch_rad": 4.0 * log["pitch_rad"]}),
             ("roll_rad", lambda log: {"roll_rad": np.rad2deg(log["roll_rad"])}),
