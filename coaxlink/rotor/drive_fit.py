@@ -333,7 +333,10 @@ def _crosstalk(samples: Samples, side: str, drawn: Mapping[str, Array | None]) -
         return 0.0
     own = np.stack([values[i] - values[j] for values in (rpm, torque)], axis=1)
     lost, others = (values[i] - values[j] for values in (read - shaft, other))
+    own = own[:, np.any(own != 0.0, axis=0)]  # set-points that come back exactly differ by nothing
     lost, others = (_beside(own / np.abs(own).max(axis=0), values) for values in (lost, others))
+    if not np.any(others != 0.0):
+        return 0.0
     slope = float(lost @ others / (others @ others))
     rest, count = lost - slope * others, len(np.union1d(i, j))  # rows, not pairs, are independent
     error = float(np.sqrt(np.mean(rest**2) / np.mean(others**2) / count))
