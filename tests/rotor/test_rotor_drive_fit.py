@@ -132,6 +132,16 @@ def test_a_current_sensor_that_reads_some_of_the_other_side_s_current_is_put_rig
     assert any("on one ground" in line for line in unusual(stand_data(log), "crm")) == bool(share)
 
 
+def test_speeds_and_torques_that_come_back_exactly_are_no_fault():
+    """As of a stand that regulates speed and a log that rounds."""
+    log = motors()
+    rounded = {f"{side}_rpm": 200.0 * np.round(log[f"{side}_rpm"] / 200.0) for side in ("upper", "lower")}
+    rounded |= {
+        f"{side}_torque_Nm": 0.2 * np.round(log[f"{side}_torque_Nm"] / 0.2) for side in ("upper", "lower")
+    }
+    assert set(watts_fits(log.with_columns(**rounded))) == {"upper", "lower"}
+
+
 COAX = Path(__file__).parents[3] / "shared" / "data" / "coax"
 
 

@@ -207,9 +207,8 @@ class _Judged:
         log, usable = self.kin.columns, self.linear.usable
         for names, change in self.linear.exchanges.items():
             yield names, EXCHANGED, self.misses + change
-        roll, pitch, _ = ANGLES
-        there = self.kin.misses(**{roll: log[pitch], pitch: log[roll]})
-        yield f"{roll}, {pitch}", EXCHANGED, there
+        for a, b in combinations(ANGLES, 2):
+            yield f"{a}, {b}", EXCHANGED, self.kin.misses(**{a: log[b], b: log[a]})
         sigma = noise_of(self.sound[usable])
         off = usable & np.any(np.abs(self.sound) > 3.0 * sigma, axis=1)
         # a column that is off from the middle on is neither as a whole nor by its outliers what it is there

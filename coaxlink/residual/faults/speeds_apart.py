@@ -68,7 +68,8 @@ def _speeds(log: Samples, rotors: Sequence[int], commands: Array, usable: Mask) 
     if often.sum() < FEWEST:
         return None
     names = [f"rpm{n}" for n, there in zip(rotors, often, strict=True) if there]
-    values, asked = (rpm[often] / np.nanmax(np.abs(rpm[often]))).T, commands[:, often]
+    values = (rpm[often] / np.nanmax(np.abs(rpm[often]))).T
+    asked = commands[:, often] * _supply(log)[:, None]
     speeds = Columns.at(names, log["time_s"], values, usable & np.isfinite(values).all(axis=1))
     if speeds is None:
         return None
@@ -86,6 +87,17 @@ def _speeds(log: Samples, rotors: Sequence[int], commands: Array, usable: Mask) 
         return None
     common = [np.median(np.delete(more, k, axis=1), axis=1) for k in range(len(names))]
     return replace(speeds, designs=[np.column_stack([a, b]) for a, b in zip(own, common, strict=True)])
+
+
+def _supply(log: Samples) -> Array:
+    """(rows,) of the usual supply: a motor turns by what it is fed, command times volts (`rotor.drive`)."""
+    volts = log["voltage_V"] if log.has("voltage_V") else np.ones(log.rows)
+    known = np.isfinite(volts) & (volts > 0.0)
+    if not known.any():
+        return np.ones(log.rows)
+    return np.asarray(
+        np.interp(np.arange(log.rows), np.flatnonzero(known), volts[known]) / np.median(volts[known])
+    )
 
 
 def _by_command(command: Array) -> Array:

@@ -219,6 +219,22 @@ def test_a_motor_that_turns_slower_from_a_moment_on_is_no_reading_that_is_off() 
     assert name == "rpm4" and abs(moment - 32.0) < 2.0
 
 
+def test_a_pack_that_empties_while_the_split_moves_changes_no_speed() -> None:
+    """Uppers are asked for more when lowers are for less: what a pack takes off a speed goes with it."""
+    t, random = np.arange(0.0, 360.0, 0.1), np.random.default_rng(1)
+    levels = (0.06 * np.sin(2.0 * np.pi * np.arange(20) / 13.6)).repeat(180)
+    volts = 24.0 - 1.7 * t / 360.0
+    log = {"time_s": t, "voltage_V": volts, "height_m": np.full(len(t), 4.0)}
+    for n in ROTORS:
+        u = (0.55 + (levels if n < 5 else -levels)) * 24.0 / volts + 0.004 * random.standard_normal(len(t))
+        turned = 300.0 + 7800.0 * (u * volts / 24.0) ** 0.95
+        log |= {f"motor{n}": u, f"rpm{n}": turned + 8.0 * random.standard_normal(len(t))}
+    assert changed_speed(Samples(log), ROTORS) is None
+    log["rpm4"][1600:] *= 0.93
+    name, moment = changed_speed(Samples(log), ROTORS)
+    assert name == "rpm4" and abs(moment - 160.0) < 5.0
+
+
 def test_a_command_that_never_moves_while_the_others_do_is_no_reading() -> None:
     log = flown()
     log["motor6"][5:] = log["motor6"][1000]

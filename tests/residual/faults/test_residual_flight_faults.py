@@ -99,6 +99,8 @@ def test_what_the_rest_of_the_log_contradicts_is_flagged(clean):
             ("accel_z_m_s2", lambda log: {"accel_z_m_s2": 1.2 * np.round(log["accel_z_m_s2"] / 1.2)}),
             ("gyro_y_rad_s", lambda log: {"gyro_y_rad_s": 1.3 * log["gyro_y_rad_s"]}),
             ("vel_n_m_s, vel_e_m_s", lambda log: exchanged(log, "vel_n_m_s", "vel_e_m_s")),
+            ("pitch_rad, yaw_rad", lambda log: exchanged(log, "pitch_rad", "yaw_rad")),
+            ("gyro_y_rad_s, gyro_z_rad_s", lambda log: exchanged(log, "gyro_y_rad_s", "gyro_z_rad_s")),
             ("gyro_x_rad_s, gyro_y_rad_s", lambda log: exchanged(log, "gyro_x_rad_s", "gyro_y_rad_s")),
         ):
             with case(f"{column}, {harm}"):
