@@ -31,13 +31,10 @@ PARTS = 10  # left out in turn
 PAYS = 0.9  # of the error: a term that does not bring it below is left out
 WATTS_ROWS = 12  # rows; five terms are fitted to them, and a part of the rows left out in turn
 CERTAIN = 5.0  # standard errors of a slope that is no chance
-ALIKE = (
-    0.05  # of the fastest and of the greatest torque, judgement: within it what a motor draws goes straight
-)
-LOADED, OUTDRAWN = (
-    0.05,
-    5.0,
-)  # of the most shaft watts; the other side's, of these: more, and a reading may be at 0
+# of the fastest and of the greatest torque, judgement: within it what a motor draws goes straight
+ALIKE, MOST_ROWS = 0.05, 1000  # rows, effort: all of them against one another
+# of the most shaft watts; the other side's, of these: more, and a reading may end at nothing
+LOADED, OUTDRAWN = 0.05, 5.0
 
 
 @dataclass(frozen=True)
@@ -326,6 +323,7 @@ def _crosstalk(samples: Samples, side: str, drawn: Mapping[str, Array | None]) -
         rows = np.flatnonzero(fair & (other < OUTDRAWN * shaft))
     if len(rows) < WATTS_ROWS:
         return 0.0
+    rows = rows[:: -(-len(rows) // MOST_ROWS)]
     place = np.stack([rpm[rows] / rpm[rows].max(), torque[rows] / torque[rows].max()], axis=1)
     apart = np.hypot(*(place[:, None] - place).transpose(2, 0, 1))
     i, j = (rows[k] for k in np.nonzero(np.triu(apart < ALIKE, 1)))
