@@ -45,12 +45,13 @@ def test_restarted_twice_quickly_it_is_one_board(tmp_path: Path) -> None:
     with session:
         first, end = session.bound.peer, time.monotonic() + 60.0
         with boot():
-            while not list(session.bound.strangers):
+            while session.bound.peer == first and not (seen := list(session.bound.strangers)):
                 assert time.monotonic() < end
                 time.sleep(0.1)
-            (second,) = (s.address for s in session.bound.strangers)
+            moved = session.bound.peer != first  # a busy machine boots it late: the first is silent by then
+            second = session.bound.peer if moved else seen[0].address
         with boot():
-            while session.bound.peer == first:
+            while session.bound.peer in (first, second):
                 confirmed(session)
         sys.stdout.write(f"\nat {first}, {second}, {session.bound.peer}: {session.bound.news()}")
         assert session.bound.peer not in (first, second)
