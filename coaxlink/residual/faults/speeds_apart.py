@@ -69,16 +69,19 @@ def _speeds(log: Samples, rotors: Sequence[int], commands: Array, usable: Mask) 
         return None
     names = [f"rpm{n}" for n, there in zip(rotors, often, strict=True) if there]
     values = (rpm[often] / np.nanmax(np.abs(rpm[often]))).T
-    asked = commands[:, often] * _supply(log)[:, None]
+    asked, supply = commands[:, often], _supply(log)
     speeds = Columns.at(names, log["time_s"], values, usable & np.isfinite(values).all(axis=1))
     if speeds is None:
         return None
-    own = [_by_command(asked[speeds.rows, k]) for k in range(len(names))]
+    own = [_by_command(asked[speeds.rows, k], supply[speeds.rows]) for k in range(len(names))]
     best = [int(np.argmin(np.sum(left(speeds.shifted(k), own[k]) ** 2, axis=0))) for k in range(len(names))]
     lag = float(SHIFTS_S[int(np.median(best))])
     known = np.flatnonzero(np.isfinite(asked).all(axis=1))
     own = [
-        _by_command(np.interp(speeds.time[speeds.rows] - lag, speeds.time[known], asked[known, k]))
+        _by_command(
+            np.interp(speeds.time[speeds.rows] - lag, speeds.time[known], asked[known, k]),
+            supply[speeds.rows],
+        )
         for k in range(len(names))
     ]
     more = np.stack([left(values[speeds.rows, k], own[k]) for k in range(len(names))], axis=1)
@@ -90,7 +93,7 @@ def _speeds(log: Samples, rotors: Sequence[int], commands: Array, usable: Mask) 
 
 
 def _supply(log: Samples) -> Array:
-    """(rows,) of the usual supply: a motor turns by what it is fed, command times volts (`rotor.drive`)."""
+    """(rows,) of the usual supply."""
     volts = log["voltage_V"] if log.has("voltage_V") else np.ones(log.rows)
     known = np.isfinite(volts) & (volts > 0.0)
     if not known.any():
@@ -100,9 +103,10 @@ def _supply(log: Samples) -> Array:
     )
 
 
-def _by_command(command: Array) -> Array:
-    """(rows, 3) regressors of a speed."""
-    return np.stack([np.ones_like(command), command, command**2], axis=1)
+def _by_command(command: Array, supply: Array) -> Array:
+    """(rows, 4) regressors of a speed: a motor turns by command times volts (`rotor.drive`), and by its
+    command alone where the ESC governs its speed."""
+    return np.stack([np.ones_like(command), command, command**2, command * supply], axis=1)
 
 
 def _late(speeds: Columns) -> tuple[str, float] | None:

@@ -235,6 +235,18 @@ def test_a_pack_that_empties_while_the_split_moves_changes_no_speed() -> None:
     assert name == "rpm4" and abs(moment - 160.0) < 5.0
 
 
+def test_escs_that_govern_their_speed_go_with_their_commands_whatever_the_pack_gives() -> None:
+    """A heater that goes on takes a tenth of the volts; rotors of three loads turn as they did."""
+    log, t = flown(), flown()["time_s"]
+    for n in ROTORS:
+        log[f"motor{n}"] = (0.6, 0.8, 1.0)[n % 3] * log[f"motor{n}"]
+        noise = 3.0 * np.random.default_rng(n).standard_normal(len(t))
+        log[f"rpm{n}"] = 5400.0 * log[f"motor{n}"] + noise
+    log["voltage_V"] = np.where(t > 33.0, 21.6, 24.0)
+    assert changed_speed(Samples(log), ROTORS) is None
+    assert found(log) == []
+
+
 def test_a_command_that_never_moves_while_the_others_do_is_no_reading() -> None:
     log = flown()
     log["motor6"][5:] = log["motor6"][1000]
