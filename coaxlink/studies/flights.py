@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from coaxlink.errors import LinkError
+from coaxlink.fly.commands import NotReached
 from coaxlink.live.guard import Timing
 from coaxlink.studies.flight import RecordedFlight, Tell, Watch, fly, silent
 from coaxlink.studies.simulator import simulator
@@ -120,11 +121,13 @@ def fly_table(
 
 
 def _slow_enough(sim: Simulation, flown: Callable[[Simulation], T]) -> T:
-    """What `flown` gives, in a simulator that this machine keeps up with: slower where the link was lost."""
+    """What `flown` gives, in a simulator that this machine keeps up with: slower where the link was lost, or
+    no height was reached (it disarms again where a command comes ten of its seconds late).
+    """
     for slower in SLOWER:
         try:
             return flown(sim)
-        except LinkError as error:
+        except (LinkError, NotReached) as error:
             sim = replace(sim, speed=(sim.speed or UNBOUNDED) / slower)
             sim.tell(f"{error}; again at {sim.speed:.3g} times real time")
     return flown(sim)

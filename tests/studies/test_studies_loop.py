@@ -11,7 +11,8 @@ from coaxlink import data, files, residual, rotor
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
-from coaxlink.errors import CheckFailed
+from coaxlink.errors import CheckFailed, LinkError
+from coaxlink.fly.commands import NotReached
 from coaxlink.fly.trajectory import FlightPlan, Hold, Swing
 from coaxlink.residual.allocation_error import AllocationErrors
 from coaxlink.residual.experiments.manoeuvres import Manoeuvre
@@ -157,3 +158,17 @@ def test_a_flight_that_was_not_the_mixers_is_not_weighed(monkeypatch, tmp_path):
         else:
             with pytest.raises(CheckFailed, match="not the mixer's flight"):
                 closed_loop._fly_live(setup, 1, vehicle, "before")
+
+
+def test_a_simulator_that_runs_away_from_the_machine_is_flown_slower(tmp_path):
+    troubles = [LinkError("udpin:127.0.0.1:14550", "silent"), NotReached("take-off: 3 m not reached in 30 s")]
+    speeds = []
+
+    def flown(sim):
+        speeds.append(sim.speed)
+        if troubles:
+            raise troubles.pop(0)
+        return "flown"
+
+    assert flights._slow_enough(flights.Simulation([], 9.0, tmp_path), flown) == "flown"
+    assert speeds == [9.0, 3.0, 1.0]
