@@ -34,6 +34,7 @@ from coaxlink.premises import (
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
+from coaxlink.residual.diagnosis.by_speeds import judged_with_speeds
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
@@ -76,7 +77,7 @@ def refine(
         inputs = checked(several, airframe)
         progress("aligning")
         bare = flight_frame(inputs.logs, airframe, model)
-        found = judge_flight(inputs, bare, progress)
+        found, bare = judged_with_speeds(inputs, bare, progress)
         differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, inputs.logs))
         if found.suspect_data and not found.effects:
             # an instrument that is wrong makes another vehicle of this one; its motors it leaves alone
