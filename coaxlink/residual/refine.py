@@ -34,7 +34,7 @@ from coaxlink.premises import (
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
-from coaxlink.residual.diagnosis.by_speeds import judged_with_speeds
+from coaxlink.residual.diagnosis.by_speeds import held_against_speeds
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
@@ -77,7 +77,7 @@ def refine(
         inputs = checked(several, airframe)
         progress("aligning")
         bare = flight_frame(inputs.logs, airframe, model)
-        found, bare = judged_with_speeds(inputs, bare, progress)
+        found = judge_flight(inputs, bare, progress)
         differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, inputs.logs))
         if found.suspect_data and not found.effects:
             # an instrument that is wrong makes another vehicle of this one; its motors it leaves alone
@@ -86,6 +86,7 @@ def refine(
             return found.claiming_nothing(lacks, differs) if differs or lacks else found
         if differs:
             return found.claiming_nothing(not_this_vehicle=differs)
+        found, bare = held_against_speeds(found, inputs, bare, progress)
         names = " and ".join(sorted(e.name for e in found.effects)) or found.verdict
         if lacks := [*lacking(bare), *damage(several, names)]:
             return found.claiming_nothing([*lacks, *at_bounds(found, bare)])

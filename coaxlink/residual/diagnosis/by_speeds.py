@@ -30,11 +30,11 @@ ALONE = 3.0  # times as far apart as the next: one column, and no trait of all (
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that commands must leave less than rpm
 
 
-def judged_with_speeds(
-    inputs: Inputs, bare: FlightFrame, progress: Callable[[str], None]
+def held_against_speeds(
+    found: Refinement, inputs: Inputs, bare: FlightFrame, progress: Callable[[str], None]
 ) -> tuple[Refinement, FlightFrame]:
-    """What these flights, aligned as `bare`, say of the model, and the frame by which they say it."""
-    found = judge_flight(inputs, bare, progress)
+    """What is `found` in these flights, aligned as `bare`, or what the rpm say in its place, and the frame by
+    which it is said."""
     turned = None if inputs.blind else by_logged_speeds(bare, inputs.logs)
     if turned is None or not found.channels:
         return found, bare
