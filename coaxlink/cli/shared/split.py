@@ -75,7 +75,15 @@ class Split:
             raise SafetyRefusal(f"{error.reason}; or two tables in turn, with --tables") from error
         flight.record.earlier = self._earlier
         say(flight.plan.words())
-        say("at its end, a limit or your mode change the companion is silent: the split on board flies again")
+        if flight.trial:
+            from coaxlink.fly.split_trial import ON_BOARD, TRIAL
+
+            say(
+                f"by the module's {TRIAL}: at its end, a limit, your mode change or without this program the "
+                f"share on board ({ON_BOARD}) flies again"
+            )
+        else:
+            say("at its end, a limit or your mode change the companion is silent: the split on board is back")
         self._flight = flight
 
     def _prepare_table(self, session: Session) -> None:
@@ -155,6 +163,13 @@ class Split:
         say(f"wrote {picture}")
         if not answer.worth_it:
             say("next: nothing to upload, the split on board may stay")
+            return
+        if self._flight.trial:
+            from coaxlink.fly.split_trial import ON_BOARD
+
+            say(f"next: on the ground, {ON_BOARD} {answer.share:.3f} in the ground station's parameters")
+            if answer.at_edge:
+                say("then this plan once more: it begins there")
             return
         self._say_table(answer.share)
         if self._flight.by_module:
