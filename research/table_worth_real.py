@@ -20,7 +20,10 @@ MAVLink. The companion's flights are at real time and in the real-time class.
 
 With `--rotor` the world interpolates the raw rows of a stand map; `--airframe` is what coaxlink made of it.
 Under the figures stands what `compare` prints of the vehicle (for ArduCopter the same sum over the mix of
-each table: its least spin moves the split), and what the rotor model says at the speeds that were flown.
+each table: its least spin moves the split), what the rotor model says at the speeds that were flown, and what
+is saved by the map's rows and by the model with nothing flown, over weights about the vehicle's own: where a
+flight is off the print, these say whether flight and table differ, or model and rows. `--at-rest` flies
+nothing.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -50,11 +53,11 @@ from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.onboard.description import board_law
 from coaxlink.mavlink import connect
 from coaxlink.mixer import make_law
-from coaxlink.mixer.worth import weigh
+from coaxlink.mixer.demands import Commands, law_commands
+from coaxlink.mixer.worth import TableOnRotors, solve, weigh
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.ardupilot import ap_commands, report_ap
-from coaxlink.tables.px4 import px4_table
-from coaxlink.tables.worth import CURVED, LIVE, px4_worths
+from coaxlink.tables.px4 import px4_commands, px4_table
 from coaxlink.vehicle import Vehicle, battery_watts, load_vehicle, shaft_watts
 from firmware_params import px4
 from sim.bridge.ardupilot_json import ArduPilotBridge
@@ -373,34 +376,75 @@ def show(flown: dict[str, list[dict[str, float]]]) -> None:
         print(f"{name:46s}" + "".join(f"{cell:>22s}" for cell in cells) + f" {unit}")
 
 
-def printed(airframe: Path, flown: dict[str, list[dict[str, float]]], firmware: str) -> None:
-    """Of each way: what is printed of it, and what the same rotor model says at the speeds that were flown.
+def commands_of(vehicle: Vehicle, way: str, firmware: str) -> Commands:
+    """Motor commands of a demand, as that firmware makes them of the way's table, or the law by itself."""
+    if firmware == "ardupilot":
+        return ap_commands(report_ap(vehicle, way).mix)
+    if way in ON_BOARD:
+        full = float(vehicle.airframe.wrench(*vehicle.airframe.loads(vehicle.model, vehicle.full))[0])
+        return law_commands(make_law("exact", vehicle), vehicle, full)
+    return px4_commands(px4.realise(px4_table(vehicle, way)))
 
-    Where the first is off the flight and the second is not, the flight's split is not the table's; where both
-    are, the model is not the rows.
-    """
-    vehicle = load_vehicle(airframe)
+
+class Still:
+    """An X8's map at rest, no flight: what its rotors lift and take at commands, by its rows."""
+
+    def __init__(self, vehicle: Vehicle, rotor: Path) -> None:
+        self.pair, self.vehicle = read_pair(rotor), vehicle
+        self.upper = np.array([rotor.level == "upper" for rotor in vehicle.airframe.rotors])
+
+    def at(self, commands: NDArray[np.float64]) -> tuple[float, float, float]:
+        """(thrust, shaft, battery watts) of four pairs whose uppers and lowers have one command each."""
+        upper, lower = self.pair.turned(commands[self.upper][:1], commands[~self.upper][:1])
+        up, q_up, low, q_low = (float(x[0]) for x in self.pair.loads(upper, lower))
+        rate, watts = self.pair.speed_max_rpm * math.pi / 30.0, self.pair.watts(upper, lower)
+        assert watts is not None
+        shaft = rate * (q_up * float(upper[0]) + q_low * float(lower[0]))
+        return 4.0 * (up + low), 4.0 * shaft, 4.0 * float(np.sum(watts))
+
+    def watts(self, commands: Commands, weight_N: float) -> NDArray[np.float64]:
+        """(4,) by the rows at shafts and battery, by the rotor model at shafts and battery."""
+        model = TableOnRotors(self.vehicle, commands)
+        rows = solve(lambda demand: self.at(commands(0.0, 0.0, 0.0, demand))[0], weight_N)
+        own = solve(model.lift, weight_N)
+        assert rows is not None and own is not None
+        return np.array([*self.at(commands(0.0, 0.0, 0.0, rows))[1:], *model.power(own)])
+
+
+def at_rest(vehicle: Vehicle, rotor: Path, ways: Sequence[str], firmware: str) -> None:
+    """Savings against the first way, per cent, by the map's rows and by the rotor model, over weights."""
+    still, weight = Still(vehicle, rotor), vehicle.airframe.mass_kg * GRAVITY
+    loads = np.linspace(0.8, 1.2, 17)
+    taken = {
+        way: np.array([still.watts(commands_of(vehicle, way, firmware), weight * x) for x in loads])
+        for way in ways
+    }
+    for way in ways[1:]:
+        saved = 100.0 * (1.0 - taken[way] / taken[ways[0]])
+        own, middle, spread = saved[len(loads) // 2], saved.mean(axis=0), saved.std(axis=0)
+        print(f"at rest, {way} saves against {ways[0]}, % at shafts / of the battery:")
+        for k, who in ((0, "rows"), (2, "rotor model")):
+            print(
+                f"    {who}: {own[k]:.2f} / {own[k + 1]:.2f} at its weight, {middle[k]:.2f} +- "
+                f"{spread[k]:.2f} / {middle[k + 1]:.2f} +- {spread[k + 1]:.2f} at 0.8 to 1.2 of it"
+            )
+
+
+def printed(vehicle: Vehicle, flown: dict[str, list[dict[str, float]]], firmware: str) -> None:
+    """Of each way: what is printed of it, and what the same rotor model says at the speeds flown."""
     uppers = np.array([rotor.level != "lower" for rotor in vehicle.airframe.rotors])
-    laws = {
-        "standard": "standard", "curved": CURVED, "fitted": "fitted", "module": LIVE, "companion": LIVE
-    }  # fmt: skip
-    worths = px4_worths(vehicle) if firmware == "px4" else None
     for way, flights in flown.items():
-        if worths is not None:
-            row = worths.named(laws[way])
-        else:
-            row = weigh(vehicle, ap_commands(report_ap(vehicle, way).mix), way)
-        if row is not None:
-            print(f"printed, {way}: {row.hover_W:.1f} W at the shafts, {row.battery_W:.1f} W of the battery")
+        row = weigh(vehicle, commands_of(vehicle, way, firmware), way)
+        print(f"printed, {way}: {row.hover_W:.1f} W at the shafts, {row.battery_W:.1f} W of the battery")
         upper, lower = (
             float(np.mean([one[f"{side} rotors in hover"] for one in flights])) for side in ("upper", "lower")
         )
         at = np.where(uppers, upper, lower) / vehicle.model.speed_max_rpm
         thrust = vehicle.airframe.loads(vehicle.model, at)[0]
         print(
-            f"rotor model at {upper:.0f} and {lower:.0f} rpm: {float(shaft_watts(vehicle, at)):.1f} W at the "
-            f"shafts, {float(battery_watts(vehicle, at)):.1f} W of the battery, {float(thrust.sum()):.2f} N, "
-            f"share {float(thrust[uppers].sum() / thrust.sum()):.4f}"
+            f"    rotor model at {upper:.0f} and {lower:.0f} rpm: {float(shaft_watts(vehicle, at)):.1f} W at "
+            f"the shafts, {float(battery_watts(vehicle, at)):.1f} W of the battery, "
+            f"{float(thrust.sum()):.2f} N, share {float(thrust[uppers].sum() / thrust.sum()):.4f}"
         )
 
 
@@ -420,6 +464,7 @@ def main() -> int:
     parser.add_argument("--speed", type=float, default=0.0, help="times real time; 0: what is possible")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--stock", action="store_true", help="vertical gains as PX4 ships them")
+    parser.add_argument("--at-rest", action="store_true", help="what rows and model say, no flight")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
     copter = o.firmware == "ardupilot"
@@ -427,6 +472,11 @@ def main() -> int:
     ways = o.ways or ((*TABLES[::2],) if copter else (*TABLES, *more))
     if copter and set(ways) & set(ON_BOARD):
         parser.error("--ways: ArduCopter has tables only")
+    if o.at_rest:
+        if o.rotor is None:
+            parser.error("--at-rest: a map in --rotor is expected")
+        at_rest(load_vehicle(o.airframe), o.rotor, ways, o.firmware)
+        return 0
     binaries = {law: Path(o.arducopter if copter else o.module if law in ON_BOARD else o.px4) for law in ways}
     for law, binary in binaries.items():
         if not binary.is_file():
@@ -456,7 +506,10 @@ def main() -> int:
                 print(f"{law}, repeat {seed}: {status}", file=sys.stderr, flush=True)
             flown[law].append(one)
     show(flown)
-    printed(o.airframe, flown, o.firmware)
+    vehicle = load_vehicle(o.airframe)
+    printed(vehicle, flown, o.firmware)
+    if o.rotor and o.rotor.suffix == ".csv":
+        at_rest(vehicle, o.rotor, ways, o.firmware)
     print(f"{o.repeats} repeats, {time.monotonic() - start:.0f} s")
     if o.json:
         o.json.write_text(json.dumps(flown, indent=1))
