@@ -24,12 +24,12 @@ from coaxlink.mixer.shares import shares_of
 from coaxlink.vehicle import Vehicle
 
 ON_BOARD, TRIAL = "COAX_SHARE", "COAX_SHARE_TRY"
-TOLD_HZ = 20.0  # how often the module says what it flies
+REPORT_HZ = 20.0  # of what the module flies
 SAME_MODEL = 0.005  # of the share: further apart, board and file are of different rotor models
 NEAR = 0.002  # of the share: flown as asked
 AGAIN_S = 0.5  # until a write that was not echoed is sent again
 REFUSED_S = 3.0  # of asking in vain until the flight ends; a step takes 1 s
-STALE_S = 0.5  # what was said longer ago says nothing
+STALE_S = 0.5  # what it reported longer ago counts no more
 NUDGE = 1e-5  # of the share: a trial that ended is taken up again once its number changes
 
 
@@ -61,7 +61,7 @@ class ShareTrial:
     def mixing(self) -> Iterator[None]:
         """Left with the share on board."""
         session = self._session
-        session.request_stream(codec.DEBUG_FLOAT_ARRAY.number, TOLD_HZ)
+        session.request_stream(codec.DEBUG_FLOAT_ARRAY.number, REPORT_HZ)
         end = session.subscribe(self._hear)
         try:
             self._write(0.0)
