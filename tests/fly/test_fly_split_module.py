@@ -160,6 +160,7 @@ def test_every_end_brings_the_share_on_board_back(
     assert gave and got == code, said
     sys.stdout.write(f"\n{what}:")
     since = gave[0]
+    assert ("this plan again with --after" in said) == (what != "link dead")
     if what == "battery":  # as it is first told
         since = next(r[0] for r in flight.seen if r[0] > since and r[3] != Mode.OFFBOARD) - 0.1
     took, lost = back(flight, since)

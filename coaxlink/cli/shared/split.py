@@ -179,6 +179,24 @@ class Split:
         elif answer.at_edge:
             say("then this plan once more, with that table on board: it begins at its split")
 
+    def tell_cut_short(self, kept: Path | None) -> None:
+        """What a flight that ended early is good for; `kept` is where its JSON goes."""
+        from coaxlink.fly.table_flights import TablesAnswer
+
+        assert self._flight is not None
+        try:
+            self._flight.record.dwells()
+        except InputError:
+            return  # nothing was measured
+        try:
+            answer = self.answer()
+            if not isinstance(answer, TablesAnswer):
+                console().print(f"up to its end: {answer.words()}", soft_wrap=True)
+        except InputError as error:
+            say(f"up to its end the split is not answered: {error}")
+        how = f"again with --after {kept}" if kept else "again; --json FILE keeps a flight for --after"
+        say(f"what was flown counts: a fresh pack, and this plan {how}")
+
     def _tell_escs(self) -> None:
         """The other measurement of the same current, or why there is none."""
         assert self._flight is not None
