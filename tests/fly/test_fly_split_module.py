@@ -189,4 +189,4 @@ def test_a_module_of_another_rotor_model_is_refused(capsys: Any, tmp_path: Path)
 def test_a_board_over_a_raw_map_has_the_law_of_the_vehicles_own_file(tmp_path: Path) -> None:
     made = tmp_path / "map.csv"
     made.write_text("pwm upper,pwm lower\n1500,1500\n")
-    assert _module(FRAME, made, "px4").own == pytest.approx(_module(FRAME, None, "px4").own)
+    assert _module(FRAME, made, "px4").own_share == pytest.approx(_module(FRAME, None, "px4").own_share)
