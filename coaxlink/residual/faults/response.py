@@ -102,7 +102,7 @@ class _Shifts:
         return np.asarray(self.cross[use].sum(axis=0) / scale)
 
     def late(self, channels: Sequence[int]) -> tuple[float, float]:
-        """Seconds by which what was measured comes later in some of the channels, and their jackknife's sd."""
+        """Seconds by which what was measured comes later in some channels, and their jackknife's sd."""
 
         def best(use: NDArray[np.intp]) -> float:
             return _highest(self.alike(use)[:, list(channels)].mean(axis=1))
