@@ -14,3 +14,7 @@ NORMAL_999 = 3.29  # of its 99.9 %
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_K = 101325.0, 288.15  # ICAO standard atmosphere at sea level
 MICROSECONDS_WRAP_S = 2**32 / 1e6  # a clock of 32 bits of microseconds comes round every 71 minutes
 HALF_A_PWM_STEP = 5e-4  # of a normalised command: outputs have 1000 steps, so this near a bound is at it
+TURNING, FULL = (
+    0.1,
+    0.98,
+)  # of full speed: beyond, an ESC starts, stops or has nothing left, and no model holds

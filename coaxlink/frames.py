@@ -59,6 +59,7 @@ class FlightFrame:
     )  # (6,) error by what commands do between rows
     rounding: Array = field(default_factory=lambda: np.zeros(6))  # (6,) noise of coarse sensor readings
     notes: tuple[str, ...] = ()
+    ruled_out: Mapping[str, str] = field(default_factory=dict)  # effect: why it is not asked of this log
     extra: Mapping[str, Array] = field(default_factory=dict)
     # what effects worked out last; a changed frame starts without
     memo: dict[object, Any] = field(default_factory=dict, init=False, repr=False, compare=False)

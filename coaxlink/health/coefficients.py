@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.airframe import Airframe
-from coaxlink.constants import NORMAL_95
+from coaxlink.constants import FULL, NORMAL_95, TURNING
 from coaxlink.data import Samples
 from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
@@ -30,11 +30,10 @@ from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import vertical_zero
 from coaxlink.health.columns import least_noise, rows_of
 from coaxlink.health.evidence import Rows, together
-from coaxlink.health.priors import FULL, TURNING
 from coaxlink.health.regressors import regressors
-from coaxlink.health.turning import LEAST_ROWS, has_speed
 from coaxlink.premises import rotation_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
+from coaxlink.residual.channels.logged_speeds import FEW_SPEEDS, LEAST_ROWS, SLOW_S, has_speed, has_speeds
 from coaxlink.residual.diagnosis.flight_search import SETTLES
 from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.rotor.model import LOADS, RotorModel
@@ -45,9 +44,8 @@ DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed
 # sd of a load as a whole, and of each of its coefficients beside that, where the rotor file has neither
 # intervals nor a covariance: twice what a data sheet's prior says of its lower rotor (docs/no_stand.md)
 NO_PRIOR = 0.15
-FEW_SPEEDS = 8  # in a mean, from ESCs that report once a second: what each is off by falls to a third
 NEAR_S = 0.2  # a low-passed row has so much of what is around it
-SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
+STEADY_S = 0.3  # a motor answers its command within a tenth of a second
 SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
 DETERMINED, BARELY = 0.5, 0.8  # of the prior's sd: less is determined, more is not
 
@@ -227,11 +225,6 @@ def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
         speeds = turned.get(rotor.number, usual * command)
         turned[rotor.number] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
     return log.with_columns(**{f"motor{n}": speeds for n, speeds in turned.items()})
-
-
-def has_speeds(log: Samples, airframe: Airframe) -> bool:
-    """Whether more than half of the rotors have theirs (judgement)."""
-    return 2 * sum(has_speed(log, r.number) for r in airframe.rotors) > len(airframe.rotors)
 
 
 def _turned(command: Array, speed: Array, log: Samples, lag_s: float) -> tuple[Array, float]:

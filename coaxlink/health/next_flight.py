@@ -21,12 +21,11 @@ from typing import Any
 import numpy as np
 
 from coaxlink.airframe import Airframe
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import FULL, GRAVITY_M_S2, TURNING
 from coaxlink.errors import CoaxlinkError, InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import USUAL_M_S2, VELOCITY_M_S
 from coaxlink.health.coefficients import Known, Update
-from coaxlink.health.priors import FULL, TURNING
 from coaxlink.health.regressors import regressors, unit_loads
 from coaxlink.mixer.authority import doublet_acceleration, doublet_deg
 from coaxlink.mixer.fitted import FittedLaw, envelope

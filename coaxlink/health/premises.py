@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from coaxlink.constants import NORMAL_95, NORMAL_999
 from coaxlink.data.samples import PREMISES, Samples
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.health.coefficients import Update, by_speed, coefficients_from_flights, has_speeds
+from coaxlink.health.coefficients import Update, by_speed, coefficients_from_flights
 from coaxlink.health.columns import reduced
 from coaxlink.health.judge import Health, judge
 from coaxlink.health.priors import GROUND, WATCH
@@ -30,6 +30,7 @@ from coaxlink.premises import (
 from coaxlink.premises.moves import HOW, MEASURES, UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
 from coaxlink.residual.channels.flight import flight_frame, flown, reduce_columns
+from coaxlink.residual.channels.logged_speeds import has_speeds
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.faults.speeds_apart import changed_speed
 from coaxlink.residual.refine import vehicle_differs

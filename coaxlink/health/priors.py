@@ -11,8 +11,6 @@ TORQUE_WITH_THRUST, TORQUE_APART = 0.85, 0.05  # chipped 0.6, shortened 1.25 of 
 ROUGH_TORQUE = 0.2
 DISTURBED = 0.05  # of weight, and weight x arm: sd of a sudden disturbance
 WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than MATTERS
-# of full speed: beyond, an ESC starts, stops or has nothing left, and no model holds
-TURNING, FULL = 0.1, 0.98
 MATTERS = 0.05  # of thrust: less is within a propeller's own scatter and trim
 TILT_ARM_M = 8e-4  # of lift: eight motors each up to half a degree askew on 0.26 m arms
 CG_DRAWN_M, CG_MOVED_M = 5e-3, 3e-3  # drawn against weighed; a pack strapped back on

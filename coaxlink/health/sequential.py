@@ -24,18 +24,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import FULL, GRAVITY_M_S2, TURNING
 from coaxlink.frames import Array
 from coaxlink.health.priors import (
     CG_DRAWN_M,
     DELAY_TODAY_S,
     DISTURBED,
-    FULL,
     LIFT_TODAY,
     LOSS_SD,
     MATTERS,
     TILT_ARM_M,
-    TURNING,
     WATCH,
 )
 from coaxlink.health.stream import BLOCK_S, HealthInterval

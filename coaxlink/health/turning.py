@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from coaxlink.airframe import Airframe
-from coaxlink.constants import NORMAL_999
+from coaxlink.constants import FULL, NORMAL_999, TURNING
 from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.data.samples import Samples
-from coaxlink.health.priors import FULL, TURNING
+from coaxlink.residual.channels.logged_speeds import LEAST_ROWS, has_speed
 from coaxlink.rotor.model import RotorModel
 
 # priors: name = value  # unit, source
@@ -23,15 +23,7 @@ MOTORS_APART = (
     0.03  # of speed, sd: motors of one type (makers give their speed constant to 5 %), and their ESCs
 )
 APART = NORMAL_999 * MOTORS_APART  # one sound rotor in a thousand
-LEAST_ROWS = 50  # for a line
 FEWEST = 3  # rotors of a level, of which one is told by the others
-
-
-def has_speed(log: Samples, rotor: int) -> bool:
-    """Whether there are speeds of a rotor while it was commanded."""
-    if not log.has(f"rpm{rotor}"):
-        return False
-    return int(np.sum((log[f"rpm{rotor}"] > 0.0) & (log[f"motor{rotor}"] > TURNING))) >= LEAST_ROWS
 
 
 def speed_ratios(

@@ -34,6 +34,7 @@ from coaxlink.premises import (
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
+from coaxlink.residual.diagnosis.by_speeds import held_against_speeds
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
@@ -85,6 +86,7 @@ def refine(
             return found.claiming_nothing(lacks, differs) if differs or lacks else found
         if differs:
             return found.claiming_nothing(not_this_vehicle=differs)
+        found, bare = held_against_speeds(found, inputs, bare, progress)
         names = " and ".join(sorted(e.name for e in found.effects)) or found.verdict
         if lacks := [*lacking(bare), *damage(several, names)]:
             return found.claiming_nothing([*lacks, *at_bounds(found, bare)])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coaxlink.constants import FULL, TURNING
 from coaxlink.files import example
 from coaxlink.fly.plans import CAUTIOUS_RAD_S2, plan_of
-from coaxlink.health.priors import FULL, TURNING
 from coaxlink.mixer.authority import HIGH, LOW, MOST_DEG, doublet_acceleration, doublet_deg, yaw_authority
 from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.rotor.model import RotorModel

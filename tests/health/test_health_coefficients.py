@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coaxlink.constants import NORMAL_95
+from coaxlink.constants import NORMAL_95, TURNING
 from coaxlink.data import read_flight_log
 from coaxlink.errors import InputError
 from coaxlink.files import example
@@ -19,7 +19,6 @@ from coaxlink.health.coefficients import (
     coefficients_from_flights,
     prior_covariance,
 )
-from coaxlink.health.priors import TURNING
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor.model import RotorModel
 from coaxlink.tables.px4 import report_px4

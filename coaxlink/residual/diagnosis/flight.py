@@ -47,7 +47,8 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
     def reduce(columns: Array) -> Array:
         return reduce_columns(frame, columns)
 
-    able, unable = possible(frame, flight_effects())
+    asked = [e for e in flight_effects() if e.name not in frame.ruled_out]
+    able, unable = possible(frame, asked)
     target = reduce(frame.measured - frame.predicted)
     corrections = (
         Block(c.name, reduce(c.columns)[..., None], np.array([0.5 * c.bound]))
@@ -72,12 +73,14 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
         effects=tuple(able),
         reduce=reduce,
         notes=tuple(notes),
-        impossible=tuple(unable),
+        impossible=(*frame.ruled_out.items(), *unable),
     )
 
 
 def _unlogged(frame: FlightFrame, effect: Tracing[Any]) -> str | None:
     """What an effect of the model needs and the log lacks; whether it varies enough does not matter here."""
+    if effect.name in frame.ruled_out:
+        return frame.ruled_out[effect.name]
     logged = {"voltage_V": frame.voltage, "height_m": frame.height}
     absent = [name for name, values in logged.items() if name in effect.needs and values is None]
     return f"it needs {absent[0]}, which the log lacks" if absent else None
