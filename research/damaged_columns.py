@@ -15,16 +15,32 @@ from pathlib import Path
 
 import numpy as np
 
+from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import Samples
+from coaxlink.health.turning import APART
 
 FAMILY = re.compile(r"(motor|rpm|accel|gyro|vel|roll|pitch|yaw|height|voltage)")
 # a family whose columns may stand in one another's place
 KINDS = {"motor": "motor", "rpm": "rpm", "accel": "accel", "gyro": "gyro", "vel": "vel", "roll": "angle",
          "pitch": "angle", "yaw": "angle", "height": "height", "voltage": "voltage"}  # fmt: skip
 Way = Callable[[Samples, str, np.ndarray, random.Random], tuple[Samples, str]]
-# why nothing in a log can tell, by way, family, and whether it is so from the first row on
 WEAK = "a command that is off from the first row on is a weak rotor to its log: rpm or another log tell"
-UNTOLD = {("scale", "motor", True): WEAK, ("bias", "motor", True): WEAK}
+FAST = "an rpm that is off by no more than motors of one type differ by is a motor of another winding"
+FINER = "it changes the column by less than the steps that it is logged in"
+
+
+def untold(way: str, column: str, log: Samples, damaged: Samples) -> str:
+    """Why nothing in a log can tell; nothing where something can."""
+    was, now = log[column], damaged[column]
+    if len(was) != len(now) or way in ("exchange", "dead ESC"):
+        return ""
+    if np.sqrt(np.nanmean((now - was) ** 2)) < resolution_of(was):
+        return FINER
+    if way not in ("scale", "bias") or np.any(now == was):  # from some moment on: before it tells
+        return ""
+    if kind_of(column) == "rpm" and abs(np.nanmedian(now / was) - 1.0) < APART:
+        return FAST
+    return WEAK if kind_of(column) == "motor" else ""
 
 
 # what a doubt must speak of to be one about a column of this kind: the sensor, or a premise that it enters

@@ -389,7 +389,7 @@ def alike(now: Any, then: Any) -> bool:
 
 def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path], first: int = 0) -> int:
     """Print a row a way and a verb; the number of answers that changed in silence, and of doubts for none."""
-    from damaged_columns import UNTOLD, WAYS, columns_of, concerns, kind_of, moments
+    from damaged_columns import WAYS, columns_of, concerns, moments, untold
 
     from coaxlink.data import Samples, read_flight_log
     from coaxlink.vehicle import load_vehicle
@@ -433,7 +433,7 @@ def columns_damaged(count: int, verbs: tuple[str, ...], named: list[Path], first
             told_it = any(concerns(d, way, hurt) for d in new)
             how = "the same" if same else "with doubt" if told_it else "ELSEWHERE" if new else "SILENT"
             unsaid = how in ("SILENT", "ELSEWHERE")
-            why = UNTOLD.get((way, kind_of(column), bool(rows.all())), "") if unsaid else ""
+            why = untold(way, column, log, damaged) if unsaid else ""
             how = "untold" if why else how
             found[way, verb, how] += 1
             if how in ("SILENT", "untold", "ELSEWHERE"):

@@ -148,7 +148,7 @@ def test_each_log_is_sent_to_its_verb(tmp_path: Path) -> None:
     flight = tmp_path / "flight.csv"
     flight.write_text("time_s,motor1,motor2\n0,0.5,0.5\n1,0.5,0.5\n")
     run = coaxlink("identify", flight)
-    assert run.code == 2 and "coaxlink refine flight.csv --airframe AIRFRAME.toml takes it" in run.err
+    assert run.code == 2 and "coaxlink refine flight.csv --airframe AIRFRAME.toml looks for causes" in run.err
     log = rcrm_log(tmp_path / "stand.csv")
     run = coaxlink("refine", log, "--airframe", example("x8_paper.toml"))
     assert run.code == 2 and "a stand log, and --airframe is of a flight" in run.err

@@ -115,6 +115,15 @@ def test_each_stretch_is_a_table_of_its_own(tmp_path: Path) -> None:
                 path = tmp_path / "log"
 
 
+def test_recordings_that_were_joined_are_read_one_after_the_other(tmp_path: Path) -> None:
+    first = {"boot_s": 30.0, "wall_s": 0.0, "motor": 0.8}
+    path = tlog(tmp_path, first, {"boot_s": 27.0, "wall_s": 600.0, "motor": 0.2})
+    path.write_bytes(2 * path.read_bytes())
+    found = read_flights(path)
+    assert [set(log["motor1"]) for log in found] == 2 * [{0.8}, {0.2}]
+    assert [round(log["time_s"][0], 1) for log in found] == [30.0, 27.0, 30.0, 27.0]
+
+
 def test_what_is_no_restart_is_one_flight(tmp_path: Path) -> None:
     path = tmp_path / "log"
     damaged = [

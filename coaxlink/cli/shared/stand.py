@@ -104,8 +104,9 @@ def refuse_flight_log(path: Path) -> None:
     if is_flight_log(path):
         if path.suffix.lower() != ".csv":
             read_flights(path)  # a verb that would refuse it is not named; of a table refine names the column
-        wanted = f"a flight log: coaxlink refine {path.name} --airframe AIRFRAME.toml takes it"
-        raise InputError(path, "", f"{wanted}; identify takes stand logs")
+        causes = f"coaxlink refine {path.name} --airframe AIRFRAME.toml"
+        model = f"coaxlink identify {path.name} --airframe AIRFRAME.toml --rotor ROTOR.toml"
+        raise InputError(path, "", f"a flight log: {causes} looks for causes, {model} updates a model by it")
 
 
 def doubts(log: Samples, upper: str | None) -> list[str]:

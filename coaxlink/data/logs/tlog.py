@@ -147,7 +147,8 @@ def _link(path: Path, system: int | None) -> _Link:
         raise InputError(path, "", f"system {sender[0]} sent parameters alone: no flight in this tlog")
     bytewise = not ("HEARTBEAT" in sent and bool((sent["HEARTBEAT"].fields["autopilot"] == ARDUPILOT).any()))
     boots = []
-    edges = [0, *cuts(str(path), _streams(sent, found), LATE_S), 2**62]
+    joined = np.flatnonzero(np.diff(found.clock_us) < -1e6 * UNHEARD_S) + 1  # two recordings in one file
+    edges = [0, *cuts(str(path), _streams(sent, found, joined), LATE_S, joined.tolist()), 2**62]
     for first, last in pairwise(edges):
         stated = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
         values: dict[str, float] = {}
@@ -164,15 +165,19 @@ def flight_numbers() -> frozenset[int]:
     return message_numbers([name for name in NAMES if name not in QUIET])
 
 
-def _streams(sent: Mapping[str, Rows], found: Heard) -> Iterator[Stream]:
-    """The board's clock in messages that it sends one at a time; what came over two links counts once."""
+def _streams(sent: Mapping[str, Rows], found: Heard, joined: NDArray[np.intp]) -> Iterator[Stream]:
+    """The board's clock in messages that it sends one at a time; what came over two links counts once in each
+    recording, which `joined` begin.
+    """
     for name in CLOCKS:
         if name in sent:
             fields, heard_s = sent[name].fields, found.clock_us[sent[name].at] / 1e6
-            _, first, which = np.unique(
-                fields.view(f"V{fields.itemsize}"), return_index=True, return_inverse=True
-            )
-            again = (np.arange(len(fields)) != first[which]) & (heard_s - heard_s[first[which]] < UNHEARD_S)
+            recording = np.searchsorted(joined, sent[name].at, side="right").astype(np.int64)
+            said = [x.view(np.uint8).reshape(len(fields), -1) for x in (recording, fields)]
+            key = np.ascontiguousarray(np.concatenate(said, axis=1))
+            _, first, which = np.unique(key.view(f"V{key.shape[1]}"), return_index=True, return_inverse=True)
+            first = first[which.ravel()]
+            again = (np.arange(len(fields)) != first) & (heard_s - heard_s[first] < UNHEARD_S)
             rows = sent[name].rows(np.flatnonzero(~again))
             stamp, since_1970 = _stamps(name, rows)
             yield Stream(rows.at, np.where(since_1970, np.nan, stamp), heard_s[~again])

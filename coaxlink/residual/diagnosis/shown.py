@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from coaxlink.effects.parameter import Linear
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.hypotheses import begun
 from coaxlink.residual.diagnosis.posterior import RIVAL
@@ -32,9 +33,9 @@ class Shown:
 def would_show(search: Search, log_evidence: float, *, limited: bool = False) -> dict[str, Shown]:
     """Of every effect, how large it had to be to gain so many nats beside the best set, and where.
 
-    Of an effect's plain shapes the middle one is told. It passes for another effect that leaves it no more
-    than the odds of one in a hundred. `limited`: corrections go no further than two deviations, and what they
-    cannot take shows.
+    Of an effect's plain shapes the middle one is told, and of what physics allows as a whole alone, as a lag,
+    no part. It passes for another effect that leaves it no more than the odds of one in a hundred. `limited`:
+    corrections go no further than two deviations, and what they cannot take shows.
     """
     best, ch = search.visited.best, search.channels
     sizes: dict[str, list[tuple[float, float, int, Candidate]]] = {}
@@ -46,6 +47,7 @@ def would_show(search: Search, log_evidence: float, *, limited: bool = False) ->
             along = np.einsum("rcp,rc->p", search.scorer.white, mine) / np.sum(mine * c.white[..., 0])
             taken = float(np.abs(along) @ (2.0 * search.scorer.deviation))
             size = min(size, taken + float(np.sqrt(2.0 * log_evidence * _spread(search.alone(best, c)))))
+        size = max(size, _least(c))
         share = np.quantile(np.abs(columns[..., 0]), 0.95, axis=0) / ch.reference
         k = int(np.argmax(share))
         sizes.setdefault(c.effect.name, []).append((float(share[k]) * size, size, k, c))
@@ -78,6 +80,12 @@ def _alike(search: Search, several: Sequence[Candidate], log_evidence: float) ->
         likest = sorted(left, key=lambda name: left[name])
         out[c.effect.name] = tuple(name for name in likest if left[name] < -np.log(RIVAL))
     return out
+
+
+def _least(c: Candidate) -> float:
+    """The least that physics has of the first amount, where there is any: a lag has all motors late."""
+    first = next(p for p in c.effect.effect.amounts if p.name in c.shape)
+    return 0.0 if isinstance(first.amount, Linear) else max(first.low, 0.0)
 
 
 def _spread(information: Array) -> float:

@@ -15,7 +15,8 @@ from coaxlink.residual.faults.reference import SURE
 from coaxlink.residual.faults.states import Finding, Mask
 
 # priors: name = value  # unit, source
-LATE_S = 0.015  # three periods of an autopilot's outputs (200 Hz): its clocks and queues are apart by less
+PERIOD_S = 0.005  # of an autopilot's outputs, 200 Hz: what leaves in one turn of its loop has one stamp
+LATE_S = 3.0 * PERIOD_S  # clocks and queues of one autopilot are apart by less, judgement
 USUAL = 0.2  # of the usual command, judgement
 
 
@@ -33,7 +34,7 @@ def commands_apart(log: Samples, names: Sequence[str], commands: Array, usable: 
     designs = [design_of(np.delete(commands, k, axis=1), usable)[free.rows] for k in range(len(names))]
     free = replace(free, designs=designs)
     for some in free.halves():
-        if (late := some.late()) and abs(late[1]) > LATE_S:
+        if (late := some.late()) and abs(late[1]) > PERIOD_S:
             ms, way = 1000.0 * abs(late[1]), "late" if late[1] > 0.0 else "early"
             yield (
                 late[0],

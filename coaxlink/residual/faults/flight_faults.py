@@ -9,12 +9,11 @@ the column is coarse, with what it should have read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.resolution import is_coarse, resolution_of
@@ -44,10 +43,10 @@ from coaxlink.residual.faults.kinematics import (
 )
 from coaxlink.residual.faults.reference import BEGINS, SURE, log_evidence_of
 from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine, limits_of
+from coaxlink.residual.faults.response import response_faults
 from coaxlink.residual.faults.silent_speeds import STUCK_S
 from coaxlink.residual.faults.states import WHOLE, Finding, Mask, runs_of
 from coaxlink.residual.result import Suspect
-from coaxlink.signals import low_pass
 
 # priors: name = value  # unit, source
 WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
@@ -56,9 +55,6 @@ MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
 # times what the exchange leaves: one failing rotor, or a centre of mass, that leaves less explains as much
 FAILS, PIECES = 3.0, 8  # and parts of the flight, each of which has to bear it out
-# what moves the vehicle before its command (judgement: twice what clocks of one autopilot are apart); shifts
-# that are tried, band of the torques that tell, and how like the two must be where one is shifted
-LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
 # nats a window, judgement: what the reference itself misses adds up in a long flight (sound ones of ten sets
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
@@ -68,8 +64,8 @@ EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
 
 
 def rotor_faults(frame: FlightFrame) -> list[Suspect]:
-    """Labels and clocks that the rotors contradict: two motors exchanged, torques before their commands."""
-    return [*_swapped(frame), *_early(frame)]
+    """Labels and clocks that the rotors contradict: two motors exchanged, an answer at another time."""
+    return [*_swapped(frame), *response_faults(frame)]
 
 
 def column_faults(log: Samples) -> list[Finding]:
@@ -293,65 +289,6 @@ def _voltage(log: Samples) -> list[Finding]:
         return []
     why = f"{usual:.0f} V is no supply of a vehicle: millivolts would be {usual / 1000.0:.1f} V"
     return [("voltage_V", np.ones(log.rows, bool), why)]
-
-
-def _early(frame: FlightFrame) -> list[Suspect]:
-    """Torques that come before their commands, as if motors had a lag less than none: a clock is off."""
-    due = frame.airframe.body_loads(*frame.airframe.loads(frame.model, np.clip(frame.commands, 0.0, None)))
-    sides = [_band(frame, x[:, 3:5]) for x in (frame.measured, due)]
-    measured = sides[0][frame.keep]
-    shifted = [_shifted(frame, sides[1], shift)[frame.keep] for shift in SHIFTS_S]
-    pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
-    power = np.stack([np.sum(measured[p] ** 2, axis=0) for p in pieces])
-    cross = np.stack([[np.sum(measured[p] * x[p], axis=0) for x in shifted] for p in pieces])
-    own = np.stack([[np.sum(x[p] ** 2, axis=0) for x in shifted] for p in pieces])
-
-    def lead(use: NDArray[np.intp]) -> tuple[float, float]:
-        """Seconds by which the torques come first, and how like the two then are."""
-        scale = np.sqrt(np.maximum(power[use].sum(axis=0) * own[use].sum(axis=0), 1e-300))
-        alike = np.mean(cross[use].sum(axis=0) / scale, axis=1)
-        return -float(SHIFTS_S[int(np.argmax(alike))]), float(np.max(alike))
-
-    every = np.arange(PIECES)
-    first, alike = lead(every)
-    parts = np.array([lead(np.delete(every, k))[0] for k in every])
-    reach = 4.0 * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
-    if alike < ALIKE or first - reach < LEADS_S:
-        return []
-    why = (
-        f"torques come {1000.0 * first:.0f} ms before their commands: stamps of motors or of sensors are off"
-    )
-    return [Suspect("time_s", "all", why)]
-
-
-def _stretches(frame: FlightFrame, made: Callable[[NDArray[np.intp]], Array]) -> Array:
-    """(rows, K) what is made of the rows of every stretch without a gap."""
-    parts = [np.flatnonzero(frame.stretch == number) for number in np.unique(frame.stretch)]
-    values = [made(rows) for rows in parts]
-    out = np.zeros((len(frame.time_s), *values[0].shape[1:]))
-    for rows, value in zip(parts, values, strict=True):
-        out[rows] = value
-    return out
-
-
-def _band(frame: FlightFrame, loads: Array) -> Array:
-    """(rows, K) between BAND_HZ and what is judged."""
-
-    def between(rows: NDArray[np.intp]) -> Array:
-        smooth = low_pass(loads[rows], frame.rate_hz, frame.cutoff_hz)
-        return smooth - low_pass(loads[rows], frame.rate_hz, BAND_HZ)
-
-    return _stretches(frame, between)
-
-
-def _shifted(frame: FlightFrame, loads: Array, later_s: float) -> Array:
-    """(rows, K) as they were so much earlier, within stretches."""
-
-    def earlier(rows: NDArray[np.intp]) -> Array:
-        time = frame.time_s[rows]
-        return np.stack([np.interp(time - later_s, time, x) for x in loads[rows].T], axis=1)
-
-    return _stretches(frame, earlier)
 
 
 def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:

@@ -36,6 +36,7 @@ COARSE = 0.1  # of that: mg and mrad/s, as autopilots send them
 # of a sensor's reading: an accelerometer that was never calibrated has 3 % of scale and 2 % for its zero
 # (MPU-6000); uneven ground and a slow barometer change a height by more, no unit but the metre by so little
 SHARE = dict.fromkeys((*ACCEL, *GYRO, *VELOCITY, *ANGLES), (0.95, 1.05)) | {HEIGHT: (0.1, 2.0)}
+REACHED = 0.95  # of the rows: a flight of a twentieth of the log is seen, a short pull is none
 UPRIGHT = 0.1  # cosine: nearer to the vertical these angles say nothing
 REWEIGHTINGS = 4  # effort
 
@@ -157,11 +158,15 @@ def step_of(log: Samples) -> float:
 
 
 def flying_rows(log: Samples) -> Mask:
-    """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
+    """(rows,) whether the motors carry it: a vehicle that stands may well read the same twice.
+
+    By the usual total of rows with more than half of what it reaches: a log may rest for most of its time.
+    """
     total = np.zeros(log.rows)
     for name in filter(MOTOR.fullmatch, log.columns):
         total += np.clip(np.nan_to_num(log[name]), 0.0, 1.0)
-    return np.asarray(total > 0.4 * float(np.median(total)), bool)
+    carrying = total[total >= 0.5 * np.quantile(total, REACHED)]
+    return np.asarray(total > 0.4 * float(np.median(carrying)), bool)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.effects import effect
+from coaxlink.frames import FLIGHT_CHANNELS
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.diagnosis import judge_flight as answers
@@ -96,3 +97,16 @@ def test_what_would_have_been_shown_is_named_where_it_is_there(flights):
     assert drag.name == "rotor_drag" and 0.9 < drag.evidence["probability"] <= 1.0
     assert dragged.weighed[0]["numbers"]["tempered"] > 50.0
     assert "rotor_drag" not in {w.name for w in dragged.would_show}
+
+
+def test_a_lag_that_hides_among_delays_is_not_promised(flights):
+    """Commands ten times a second; every motor 20 ms slower than declared."""
+    _, declared, model = flights[SOUND]
+    log = Samples(fly([{"lag": 0.02}], log_rate=10.0)[0], "slower")
+    found = refine(log, declared, model)
+    shown = {w.name: (w.share, w.channel) for w in found.would_show}
+    slower = replace(declared, motor_lag_s=declared.motor_lag_s + 0.02)
+    there, due = (flight_frame([log], body, model) for body in (slower, declared))
+    moved = np.quantile(np.abs(there.predicted - due.predicted), 0.95, axis=0) / due.reference
+    least, channel = shown.get("rotor_lag", (np.inf, "force_z"))
+    assert "rotor_lag" in found.names or moved[FLIGHT_CHANNELS.index(channel)] < least

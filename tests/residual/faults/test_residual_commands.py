@@ -51,6 +51,15 @@ def test_a_sound_log_is_not_flagged() -> None:
                     assert found(flown(seed, **changed)) == []
 
 
+def test_a_motor_at_its_least_on_the_ground_is_one_in_a_log_that_mostly_rests() -> None:
+    log = flown(rows=1500)
+    landed = 0.05 + 0.02 * np.abs(np.sin(np.arange(100)[:, None] / 9.0 + np.arange(8)))
+    landed[:, 4] = 0.05  # the mixer asks it for less
+    rest = np.zeros((4000, 8))
+    longer = {f"motor{n}": np.r_[rest[:, 0], log[f"motor{n}"], landed[:, n - 1]] for n in ROTORS}
+    assert found({"time_s": np.arange(5600) / RATE} | longer) == []
+
+
 def test_a_command_that_stands_still_while_the_others_move_is_no_reading_there() -> None:
     with case_table() as case:
         for step in (0.0, 0.002):

@@ -22,6 +22,7 @@ from coaxlink.residual.faults.flight_faults import (
     off_centre,
 )
 from coaxlink.residual.faults.kinematics import kinematics_of
+from coaxlink.residual.faults.response import response_faults
 from coaxlink.rotor import load_rotor_model
 
 
@@ -210,6 +211,24 @@ def test_motors_that_are_stamped_late_leave_nothing_to_claim(late_s, clean):
     answer = ask(clean | shifted)
     assert [s.column for s in answer.suspect_data] == ["time_s"] and answer.effects == ()
     assert "before their commands" in answer.suspect_data[0].why
+
+
+@pytest.mark.parametrize(
+    ("columns", "late_s", "named"),
+    [
+        *(((column,), 0.06, column) for column in ("gyro_x_rad_s", "gyro_y_rad_s")),
+        (("accel_z_m_s2",), 0.2, "accel_z_m_s2"),
+        (("gyro_x_rad_s", "gyro_y_rad_s"), 0.02, ""),  # as motors that are slower are
+        (("accel_z_m_s2",), 0.005, ""),  # as another filter is
+        ((), 0.0, ""),
+    ],
+)
+def test_an_axis_later_than_what_the_same_rotors_make_beside_it_is_named(columns, late_s, named, clean):
+    time = clean["time_s"]
+    log = Samples(clean | {n: np.interp(time - late_s, time, clean[n]) for n in columns}, "late")
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    frame = flight_frame([log], airframe, load_rotor_model(files.example("rotor_paper.toml")))
+    assert [s.column for s in response_faults(frame)] == ([named] if named else [])
 
 
 @pytest.mark.slow
