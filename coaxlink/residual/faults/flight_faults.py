@@ -58,6 +58,9 @@ FAILS, PIECES = 3.0, 8  # and parts of the flight, each of which has to bear it 
 # nats a window, judgement: what the reference itself misses adds up in a long flight (sound ones of ten sets
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
+# of a zero from one part of a flight to the next, judgement: what SHARE leaves of 1 g, and of a turn of a
+# radian a second; sensors that warm move by a third of it (MPU-6000)
+SHIFT = dict.fromkeys(ACCEL, 0.5) | dict.fromkeys(GYRO, 0.05)
 KNOWN_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
 KNOWN_BY |= dict.fromkeys(("roll", "pitch", "yaw"), "gyros")
 EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
@@ -165,8 +168,9 @@ class _Judged:
     def chained(self, rows: int) -> Iterator[Finding]:
         """Columns that lie in some of the log's rows or in all of them, by the most probable states."""
         usable = self.linear.usable
-        found = list(self._states())
-        left = [self.linear.left(misses, noise_of(misses[usable])) for *_, misses in found]
+        found = [(names, why, self.linear.left(x, noise_of(x[usable]))) for names, why, x in self._states()]
+        found += self._moved()
+        left = [x for *_, x in found]
         sigma = np.min([noise_of(x[usable]) for x in (self.sound, *left)], axis=0)
         against = log_evidence_of(self.sound / sigma)
         share = independent(self._best_pieced(left, against, sigma)[usable] / sigma)
@@ -217,6 +221,17 @@ class _Judged:
                 by, what = KNOWN_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
                 why = f"it reads {1.0 / times:.3g} times what the {by} would have: its {what} is wrong"
                 yield name, why, self._scaled(name, times)
+
+    def _moved(self) -> Iterator[tuple[str, str, Array]]:
+        """Likewise of a zero that is another one in some windows: what is left (windows, 7) there."""
+        for name, most in SHIFT.items():
+            more = -self.kin.along(name, self.sound)[0]
+            for at in (self.linear.usable & (more > most), self.linear.usable & (more < -most)):
+                if at.any():
+                    by, unit = float(np.median(more[at])), "m/s^2" if name in ACCEL else "rad/s"
+                    known = KNOWN_BY[name.split("_")[0]]
+                    why = f"by the {known} it reads {by:+.2g} {unit} too much here and not elsewhere: its zero moves"
+                    yield name, why, self.sound + self.kin.zero(name, by)
 
     def _scaled(self, name: str, times: float) -> Array:
         """(windows, 7) misses with a column times so much."""
