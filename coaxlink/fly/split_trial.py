@@ -76,8 +76,7 @@ class ShareTrial:
             self._write(0.0)
             yield
         finally:
-            # the module has let go by itself, or does within a step; this clears the number. A line that loses
-            # may lose one of them
+            # the module lets go by itself; this clears the number, and a line may lose one
             for _ in range(3):
                 self._write(0.0)
             end()
