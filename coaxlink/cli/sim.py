@@ -177,7 +177,9 @@ def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:
 
     if not firmware.startswith("px4"):
         raise InputError("--module", "", f"--firmware px4 is expected, found {firmware}")
-    return coax_firmware(load_vehicle(airframe, rotor))
+    # a map is what the rotors are; what the board was built with is in the vehicle's own file
+    is_map = rotor is not None and rotor.suffix.lower() == ".csv"
+    return coax_firmware(load_vehicle(airframe, None if is_map else rotor))
 
 
 def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:

@@ -16,7 +16,7 @@ from memory_net import Line, plugged
 from pymavlink.dialects.v20 import common as m
 from verb import run
 
-from coaxlink.cli.sim import coax_firmware
+from coaxlink.cli.sim import _module, coax_firmware
 from coaxlink.live.onboard.description import board_law
 from coaxlink.live.onboard.px4 import module_files
 from coaxlink.mavlink import connect
@@ -192,3 +192,9 @@ def test_while_a_companion_mixes_no_share_is_tried(capsys: Any, tmp_path: Path) 
     module._who, module._is_followed = (255, 191, 7), lambda now: True
     code, said, _, _ = fly(flight, capsys, tmp_path, None)
     assert code == 4 and "companion (system 255 component 191)" in said and not flight.autopilot.armed
+
+
+def test_a_board_over_a_raw_map_has_the_law_of_the_vehicles_own_file(tmp_path: Path) -> None:
+    made = tmp_path / "map.csv"
+    made.write_text("pwm upper,pwm lower\n1500,1500\n")
+    assert _module(FRAME, made, "px4").own_share == pytest.approx(_module(FRAME, None, "px4").own_share)
