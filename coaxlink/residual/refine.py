@@ -36,7 +36,7 @@ from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
 from coaxlink.residual.diagnosis.by_speeds import held_against_speeds
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
-from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, weighing
+from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, lift_beside, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
 from coaxlink.residual.faults.inputs import Inputs, checked
 from coaxlink.residual.nuisance.flight_corrections import (
@@ -133,6 +133,8 @@ def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
         return abs(found.corrections.get(name, 0.0)) > AT_BOUND * bounds.get(name, np.inf)
 
     lift, room = lift_share(frame, found.corrections), lift_room(frame)
+    if not found.effects:  # levels and slopes may make up for one another: together they are what is lifted
+        lift = min(lift, lift_beside(frame, frame.airframe.mass_kg), key=abs)
     if abs(lift) > AT_BOUND * room:
         why = f"the lift is {100 * abs(lift):.1f} % off, this rotor model is good to {100 * room:.0f} %"
         guessed = set(UNKNOWN) & set(frame.model.sources.values())

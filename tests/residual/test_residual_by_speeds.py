@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,8 @@ from coaxlink.data import read_flight_log
 from coaxlink.files import example
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.channels.logged_speeds import by_logged_speeds
-from coaxlink.residual.refine import refine
+from coaxlink.residual.refine import at_bounds, refine
+from coaxlink.residual.result import Refinement
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import HiddenEffect
@@ -109,3 +112,13 @@ def test_motors_that_all_turn_a_little_faster_than_the_file_says_are_no_finding(
         and not found.effects
         and not any("rpm" in u.depends_on for u in found.unexplained)
     )
+
+
+@pytest.mark.parametrize(("mass", "asked"), [(1.0, False), (1.08, True)])
+def test_a_lift_is_off_where_the_flight_says_so_and_not_where_levels_make_up_for_slopes(flown, mass, asked):
+    vehicle, fly = flown
+    body = replace(vehicle.declared, mass_kg=mass * vehicle.declared.mass_kg)
+    frame = flight_frame([fly()], body, vehicle.rotors)
+    levels = {"upper_thrust_level": 0.08, "lower_thrust_level": 0.08}
+    nothing = Refinement("flight", {}, (), (), (), (), (), None, corrections=levels)
+    assert [reason.premise for reason in at_bounds(nothing, frame)] == ["mass_kg"] * asked
