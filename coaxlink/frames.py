@@ -57,7 +57,6 @@ class FlightFrame:
     sampling: Array = field(
         default_factory=lambda: np.zeros(6)
     )  # (6,) error by what commands do between rows
-    rounding: Array = field(default_factory=lambda: np.zeros(6))  # (6,) noise of coarse sensor readings
     notes: tuple[str, ...] = ()
     ruled_out: Mapping[str, str] = field(default_factory=dict)  # effect: why it is not asked of this log
     extra: Mapping[str, Array] = field(default_factory=dict)

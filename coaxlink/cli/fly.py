@@ -77,7 +77,7 @@ def fly(
     from coaxlink.cli.shared.split import PLAN as SPLIT
     from coaxlink.cli.shared.split import Split
     from coaxlink.errors import InputError
-    from coaxlink.fly.commands import Crashed
+    from coaxlink.fly.commands import Crashed, PlanAbandoned
     from coaxlink.fly.flight import Flown, OverLimit, Pilot
     from coaxlink.fly.limits import FlightLimits
     from coaxlink.fly.logs import Logs
@@ -126,8 +126,11 @@ def fly(
             _record(session, log, before is not None)
             try:
                 _in_the_air(pilot, planned, flown, split)
-            except (OverLimit, Crashed):
-                found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
+            except (OverLimit, Crashed, PlanAbandoned) as end:
+                if log and not isinstance(end, PlanAbandoned):
+                    found = _bring_down(logs, out, before)  # what went wrong is in it
+                if split:
+                    split.tell_cut_short(json)
                 raise
             if flown.swing is not None and flown.swing > REPORTED:
                 gain = f"{flown.swing:.1f} times"

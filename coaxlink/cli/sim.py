@@ -154,11 +154,13 @@ def sim(
 
 def coax_firmware(vehicle: Vehicle) -> CoaxFirmware:
     """Python's law for the C++ one: what a board with the module of this vehicle runs. Raises InputError."""
+    import numpy as np
+
     from coaxlink.live.onboard.description import board_law
-    from coaxlink.mixer.exact import ExactLaw
+    from coaxlink.mixer.shares import LeaningLaw
     from sim.px4.coax_module import CoaxFirmware
 
-    about, law, frame = board_law(vehicle), ExactLaw(vehicle), vehicle.airframe
+    about, law, frame = board_law(vehicle), LeaningLaw(vehicle), vehicle.airframe
 
     def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
         return law.speeds(about.wrench @ (roll, pitch, yaw, thrust))
@@ -166,7 +168,8 @@ def coax_firmware(vehicle: Vehicle) -> CoaxFirmware:
     def delivered(u: NDArray[np.float64]) -> NDArray[np.float64]:
         return frame.wrench(*frame.loads(vehicle.model, u))[about.units.order] / about.units.scale
 
-    return CoaxFirmware(about.identity, speeds, delivered, about.wrench)
+    shares = np.column_stack([about.shares.share, about.shares.lean])
+    return CoaxFirmware(about.identity, speeds, delivered, about.wrench, law.lean, shares, about.shares.own)
 
 
 def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:
@@ -174,7 +177,9 @@ def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:
 
     if not firmware.startswith("px4"):
         raise InputError("--module", "", f"--firmware px4 is expected, found {firmware}")
-    return coax_firmware(load_vehicle(airframe, rotor))
+    # a map is what the rotors are; what the board was built with is in the vehicle's own file
+    is_map = rotor is not None and rotor.suffix.lower() == ".csv"
+    return coax_firmware(load_vehicle(airframe, None if is_map else rotor))
 
 
 def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:

@@ -1,7 +1,8 @@
-"""The hover of a split plan: live mixing whose split moves, and the power measured meanwhile.
+"""The hover of a split plan: live mixing, or a parameter of PX4's module, moves the split; power is read.
 
-Live mixing is what makes an end quick: once it is silent, the autopilot's own mixer flies, with the split on
-board. So every end of the plan, a limit, the pilot, a dead link or this process, ends the split too.
+Both make an end quick. Once live mixing is silent, the autopilot's own mixer flies, with the split on board;
+and the module flies a trial only while this process flies the vehicle (`split_trial`). So every end of the
+plan, a limit, the pilot, a dead link or this process, ends the split too.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import SafetyRefusal
 from coaxlink.fly.flight import OverLimit
 from coaxlink.fly.split_plan import PowerRecord, SplitPlan, hearing
+from coaxlink.fly.split_trial import ShareTrial
 from coaxlink.live.bridge import BridgeEnd
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.module_end import ModuleEnd
@@ -22,7 +24,7 @@ from coaxlink.live.paths import own_curve
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer import make_law
-from coaxlink.mixer.split import SplitLaw, SplitLevel, equal_share, split_levels, upper_share
+from coaxlink.mixer.split import SplitLaw, equal_share, split_levels, upper_share
 from coaxlink.tables.behaviour import behaviour
 from coaxlink.threads import SWITCH_S
 from coaxlink.uploading.beside import commands_on_board
@@ -31,11 +33,12 @@ from coaxlink.vehicle import Vehicle
 HELD = 0.8  # of the weight, that the autopilot's own mixer must carry at the demand of the law
 
 
-def split_on_board(session: Session, vehicle: Vehicle) -> float:
+def split_on_board(session: Session, vehicle: Vehicle) -> tuple[float, ShareTrial | None]:
     """Share of the hover thrust that the upper rotors give with what is on board; nothing is commanded.
 
-    Raises SafetyRefusal where this autopilot cannot be mixed live, or where its own mixer would drop the
-    vehicle at an end; InputError for a matrix on board that is not known here.
+    And how the module on board tries another, None without one that does. Raises SafetyRefusal where this
+    autopilot cannot be mixed live, or where its own mixer would drop the vehicle at an end; InputError for a
+    matrix on board that is not known here.
     """
     airframe, curve = vehicle.airframe, own_curve(session)
     weight = airframe.mass_kg * GRAVITY_M_S2
@@ -48,11 +51,14 @@ def split_on_board(session: Session, vehicle: Vehicle) -> float:
             "set THR_MDL_FAC to 1, or nearer to it"
         )
     if bridge is None:  # PX4's mixer before CA_ parameters
-        return equal_share(vehicle)
+        return equal_share(vehicle), None
     if isinstance(bridge, BridgeEnd):
-        return upper_share(vehicle, behaviour(vehicle, commands_on_board(vehicle, session)).hover_speeds)
-    # PX4's module flies the exact law by itself
-    return upper_share(vehicle, make_law("exact", vehicle).speeds([weight, 0.0, 0.0, 0.0]))
+        speeds = behaviour(vehicle, commands_on_board(vehicle, session)).hover_speeds
+        return upper_share(vehicle, speeds), None
+    if bridge.share is not None:
+        return bridge.share.flown, ShareTrial(session, vehicle, bridge)
+    # an older module flies the exact law by itself
+    return upper_share(vehicle, make_law("exact", vehicle).speeds([weight, 0.0, 0.0, 0.0])), None
 
 
 class SplitFlight:
@@ -61,21 +67,30 @@ class SplitFlight:
     def __init__(self, session: Session, vehicle: Vehicle, *, reach: float, levels: int, dwells: int) -> None:
         """Looks at the board (`split_on_board`) and fits the levels. Raises SafetyRefusal, InputError."""
         self._session = session
-        board = split_on_board(session, vehicle)
-        self.levels: tuple[SplitLevel, ...] = split_levels(vehicle, board, reach, levels)
-        self.plan = SplitPlan(tuple(level.share for level in self.levels), board, dwells)
-        self.law = SplitLaw(self.levels, board)
-        self.mixer = LiveMixer(session, vehicle, self.law, own_curve=own_curve(session))
+        board, self.trial = split_on_board(session, vehicle)
+        if self.trial:
+            shares, self.law, self.mixer = self.trial.levels(reach, levels), None, None
+        else:
+            made = split_levels(vehicle, board, reach, levels)
+            shares, self.law = tuple(level.share for level in made), SplitLaw(made, board)
+            self.mixer = LiveMixer(session, vehicle, self.law, own_curve=own_curve(session))
+            # caches, never in flight
+            self.law.speeds([vehicle.airframe.mass_kg * GRAVITY_M_S2, 0.0, 0.0, 0.0])
+        self.plan = SplitPlan(shares, board, dwells)
         self.record = PowerRecord(
             Telemetry(session.clock.monotonic),
             self.plan,
             upper=tuple(rotor.level == "upper" for rotor in vehicle.airframe.rotors),
         )
-        self.law.speeds([vehicle.airframe.mass_kg * GRAVITY_M_S2, 0.0, 0.0, 0.0])  # caches, never in flight
 
     @contextmanager
     def mixing(self) -> Iterator[None]:
-        """The companion in the loop; left with the split on board."""
+        """The split is moved; left with that on board."""
+        if self.trial:
+            with hearing(self._session, self.record), self.trial.mixing():
+                yield
+            return
+        assert self.mixer is not None
         switch = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
         try:
@@ -87,10 +102,15 @@ class SplitFlight:
     @property
     def by_module(self) -> bool:
         """Whether PX4's module has the motors, so that no table acts."""
-        return isinstance(self.mixer.bridge, ModuleEnd)
+        return self.trial is not None or isinstance(self.mixer and self.mixer.bridge, ModuleEnd)
 
     def watch(self, t: float) -> None:
-        """Move the split to where it is at `t` s of the plan. Raises OverLimit where the mixer gave up."""
+        """Move the split to where it is at `t` s of the plan. Raises OverLimit where it does not move."""
+        if self.trial:  # the module makes the ramp itself
+            there = self.trial.ask(self.plan.level(t))
+            self.record.now_s = t if there else math.nan
+            return
+        assert self.mixer is not None and self.law is not None
         if self.mixer.failed.is_set():
             raise OverLimit(f"flight ended and landed: live mixing stopped itself: {self.mixer.error}")
         self.law.share = self.plan.share(t)

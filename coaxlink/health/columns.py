@@ -242,7 +242,7 @@ def _slower(frame: FlightFrame) -> tuple[Array, Array]:
 
 def least_noise(frame: FlightFrame) -> Array:
     """(4,) what no channel's noise is below: the resolution of what is logged."""
-    return np.maximum(FINEST * frame.reference, frame.rounding)[list(CHANNELS)]
+    return FINEST * frame.reference[list(CHANNELS)]
 
 
 def rows_of(frame: FlightFrame, columns: Array) -> Array:

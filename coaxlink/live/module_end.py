@@ -3,9 +3,10 @@
 The module's demand is a DEBUG_FLOAT_ARRAY of name "coax" with, in `data`: roll, pitch, yaw, thrust; system
 and component of the companion followed; how many answers it took, modulo COUNTED; the number of the demand;
 the identity of the vehicle; the token of the companion followed; the companion's share in what is flown; and
-one of FACTS in turn, as its number and its value. An answer is a TUNNEL of type PAYLOAD_TYPE for the demand
-of a number. uORB carries neither the sender of a TUNNEL nor its link: whose an answer is stands in it, with
-a token drawn anew by every run of `mix`.
+one of FACTS in turn, as its number and its value; then of the upper rotors' share what is flown, whether on
+trial, the law's own, and the least and the most that these rotors have (0 of older modules). An answer is a
+TUNNEL of type PAYLOAD_TYPE for the demand of a number. uORB carries neither the sender of a TUNNEL nor its
+link: whose an answer is stands in it, with a token drawn anew by every run of `mix`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import math
 import secrets
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +41,23 @@ FIND_S, AGAIN_S = 1.5, 1.0  # listened for so long; asked for again after so muc
 _HEAD = struct.Struct("<IIIBBBB")  # identity, token, number, system, component, rotors, protocol
 
 
+@dataclass(frozen=True)
+class SharesFlown:
+    """Of the hover thrust from the upper rotors."""
+
+    flown: float
+    on_trial: bool
+    own: float  # the law's
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, data: Sequence[float]) -> SharesFlown | None:
+        """What a demand says, None where its module knows no shares or its rotors have one only."""
+        flown, trial, own, least, most = data[13:18]
+        return cls(flown, trial > 0.5, own, least, most) if 0.0 < least < most < 1.0 else None
+
+
 class ModuleEnd:
     """Finds the module, reads its demands, words the answers: a `Wire`, and what `BridgeEnd` is otherwise."""
 
@@ -52,6 +71,7 @@ class ModuleEnd:
         self.taken = Count(COUNTED)
         self.acknowledged = False  # at some time it reported that it follows us
         self.reported: dict[int, float] = {}  # facts by their numbers
+        self.share: SharesFlown | None = None
         self._number = 0  # of the demand read last
         self._followed: tuple[int, int, int] = (0, 0, 0)  # system, component, token
         self._theirs: int | None = None  # identity that the board says
@@ -137,3 +157,4 @@ class ModuleEnd:
         self._number, self._theirs = int(data[7]), int(data[8])
         self._followed = int(data[4]), int(data[5]), int(data[9])
         self.reported[int(data[11])] = data[12]
+        self.share = SharesFlown.of(data)

@@ -19,7 +19,7 @@ from sim.physics.plant import FOOT_Z_M, Plant
 from sim.physics.sensors import SensorReading, Sensors
 from sim.place import HOME, Place
 from sim.px4.cascade import IDLE, Cascade, Four, Goal, LoopDemand, Settings, Three
-from sim.px4.coax_module import EXTRAS, CoaxFirmware, CoaxModule
+from sim.px4.coax_module import EXTRAS, SETPOINT_S, SHARE_NAMES, CoaxFirmware, CoaxModule
 from sim.px4.guidance import RATE_HZ
 from sim.px4.links import OFFBOARD_LOST, STATION_LOST, Links
 from sim.px4.mixer import Px4Mixer
@@ -91,7 +91,9 @@ class Autopilot(Navigator):
         self.motor_test = MotorTest(self.rotors)
         self.module = None
         if self.firmware_module is not None and b"coax_mixer start" in (self.files.read(EXTRAS) or b""):
+            self.store.built_in(dict.fromkeys(SHARE_NAMES, 0.0))
             self.module = CoaxModule(self.firmware_module, self.rotors)
+            self.module.begin(*(float(self.store[name]) for name in SHARE_NAMES))
         self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: LoopDemand = IDLE
         self.reading: SensorReading = self.sensors.read()
@@ -249,7 +251,10 @@ class Autopilot(Navigator):
         self.reading = self.sensors.read()
         self.demand = self._decide(self.reading) if self.armed else IDLE
         if self.module is not None:
-            d = self.demand
+            d, age_s = self.demand, self.plant.time_s - self._offboard_at
+            alive = self.armed and self.mode == Mode.OFFBOARD and age_s < SETPOINT_S
+            on_board, trial = (float(self.store[name]) for name in SHARE_NAMES)
+            self.module.move_share(self.plant.time_s, on_board, trial, alive)
             self.module.mix(self.plant.time_s, d.roll, d.pitch, d.yaw, d.thrust)
         self.exchange(self.demand)
         self.command = self._outputs(self.demand)

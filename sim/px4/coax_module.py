@@ -2,6 +2,7 @@
 
 It starts at boot when the card's `etc/extras.txt` says so, takes the mixer's place with the law it was built
 with, sends its demand as DEBUG_FLOAT_ARRAY, and flies a companion's TUNNEL while what it answers is young.
+The share of its upper rotors is that of COAX_SHARE, or on trial that of COAX_SHARE_TRY.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from pymavlink.dialects.v20 import common as m
 EXTRAS = "etc/extras.txt"
 PAYLOAD_TYPE, PROTOCOL, WHOLE, KEPT, TURN = 40001, 1, 1 << 24, 64, 24
 FADE_S, FOLLOWED_S, PLAUSIBLE = 0.3, 0.1, 0.15
+SHARE_NAMES = ("COAX_SHARE", "COAX_SHARE_TRY")
+LOOK_S, SETPOINT_S = 0.1, 0.3  # between two looks at them; a set-point that is older is nobody's
+MOVE_1_S, BACK_1_S = 0.05, 1.0  # of the share a second: to a share, and back from a trial
 FOREIGN, RIVAL, INVALID, STALE, IMPLAUSIBLE = range(5)
 Law = Callable[[float, float, float, float], NDArray[np.float64]]  # roll, pitch, yaw, thrust to commands (N,)
 Delivered = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # commands (N,) to (4,) of the authority
@@ -30,6 +34,9 @@ class CoaxFirmware:
     law: Law
     delivered: Delivered
     wrench: NDArray[np.float64]  # (4, 4) thrust, roll, pitch, yaw per roll, pitch, yaw, thrust
+    lean: Callable[[float], None]  # what the law leans by from now on
+    shares: NDArray[np.float64]  # (P, 2) rising shares of the upper rotors, and the lean that flies each
+    own_share: float  # the law's
     timeout_s: float = 0.020  # COAX_TIMEOUT
 
 
@@ -48,6 +55,41 @@ class CoaxModule:
         self._of = self._heard = -1e9  # when the demand answered was sent, and its answer came
         self._answered, self._who = 0, (0, 0, 0)
         self._last = 0.0
+        self.flown_share = self._board = built.own_share
+        self._trial, self._seen, self._looked, self._moved = 0.0, 0.0, -1e9, 0.0
+        self.tried = self._back = False
+
+    def begin(self, on_board: float, trial: float) -> None:
+        """As the parameters are when it starts: a trial that was left there is none."""
+        self._board = on_board if self._has(on_board) else self.built.own_share
+        self.flown_share, self._seen = self._board, trial
+        self.built.lean(self._lean())
+
+    def move_share(self, now: float, on_board: float, trial: float, alive: bool) -> None:
+        """Parameters are looked at; `alive`: armed, led by fresh set-points."""
+        if now - self._looked >= LOOK_S:
+            self._looked = now
+            self._board = on_board if self._has(on_board) else self.built.own_share
+            if trial != self._seen:
+                self._seen, self._trial = trial, trial if self._has(trial) else 0.0
+        if not alive or self.stopped:
+            self._trial = 0.0
+        trying = self._trial > 0
+        self._back = (self._back or self.tried) and not trying
+        self.tried = trying
+        wanted = self._trial if trying else self._board
+        step = (BACK_1_S if self._back else MOVE_1_S) * min(now - self._moved, 0.02)
+        self._moved = now
+        if wanted != self.flown_share:
+            self.flown_share += min(max(wanted - self.flown_share, -step), step)
+            self.built.lean(self._lean())
+        self._back = self._back and wanted != self.flown_share
+
+    def _has(self, share: float) -> bool:
+        return bool(self.built.shares[0, 0] <= share <= self.built.shares[-1, 0])
+
+    def _lean(self) -> float:
+        return float(np.interp(self.flown_share, *self.built.shares.T))
 
     def mix(self, now: float, roll: float, pitch: float, yaw: float, thrust: float) -> None:
         """A demand of the rate loops: solved, and numbered for the companion."""
@@ -76,8 +118,10 @@ class CoaxModule:
         data = [
             *self._demand, *followed[:2], self.taken, self._number, self.built.identity, followed[2],
             self.share, self._commanded, facts[self._commanded],
+            self.flown_share, float(self.tried), self.built.own_share,
+            *self.built.shares[[0, -1], 0].tolist(),
         ]  # fmt: skip
-        return m.MAVLink_debug_float_array_message(time_usec, b"coax", PAYLOAD_TYPE, data + [0.0] * 45)
+        return m.MAVLink_debug_float_array_message(time_usec, b"coax", PAYLOAD_TYPE, data + [0.0] * 40)
 
     def hear(self, now: float, message: m.MAVLink_message) -> None:
         """TUNNEL."""

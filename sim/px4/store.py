@@ -54,6 +54,13 @@ class Px4Store(ParameterStore):
         for name in list(names):
             del self._types[name], self._values[name]
 
+    def built_in(self, values: Mapping[str, float]) -> None:
+        """Parameters (float32) of a module that is in this firmware, where they are not there yet."""
+        for name, value in values.items():
+            if name not in self._values:
+                self._add(name, FLOAT, value)
+        self.names = sorted(self._values)
+
     def preset(self, name: str, value: float) -> None:
         """Set without telling anyone; unknown names are left out."""
         if name in self._values:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from case_table import case_table
 from pymavlink.dialects.v20 import common
 
 from coaxlink.airframe import load_airframe
-from coaxlink.data import is_flight_log, read_flight_log
+from coaxlink.data import Samples, is_flight_log, read_flight_log
 from coaxlink.errors import InputError
 from coaxlink.files import example
 from coaxlink.rotor import load_rotor_model
@@ -100,7 +101,14 @@ class Recorder:
         return self.path
 
 
-def recorded(path: Path, *, seconds: float = 4.0, imu_hz: int = 200, vibration_hz: float = 0.0) -> Recorder:
+def recorded(
+    path: Path,
+    *,
+    seconds: float = 4.0,
+    imu_hz: int = 200,
+    vibration_hz: float = 0.0,
+    packs: Mapping[int, int] = {0: 25000},
+) -> Recorder:
     """Motors at 50 Hz ramping up, a roll rate of 2 rad/s^2 x t, IMU faster than the motors."""
     log = Recorder(path)
     ground = common.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -109,8 +117,9 @@ def recorded(path: Path, *, seconds: float = 4.0, imu_hz: int = 200, vibration_h
         if ms % 1000 == 0:
             log.add(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), ground)
             log.add(common.MAVLink_heartbeat_message(2, 12, 128 if t >= 2 else 0, 0, 4, 3))
-            volts = [int(25000 - 100 * t)] + [65535] * 9
-            log.add(common.MAVLink_battery_status_message(0, 0, 0, 0, volts, 0, 0, 0, 50))
+            for number, full in packs.items():
+                volts = [int(full - 100 * t)] + [65535] * 9
+                log.add(common.MAVLink_battery_status_message(number, 0, 0, 0, volts, 0, 0, 0, 50))
         if ms % (1000 // imu_hz) == 0:
             shake = 5 * math.sin(2 * math.pi * vibration_hz * t)
             log.add(
@@ -179,6 +188,49 @@ def test_esc_batches_that_repeat_the_first_four_are_left_out(tmp_path: Path) -> 
     samples = read_flight_log(log.write())
     assert samples.has("rpm1", "rpm4") and not samples.has("rpm5")
     np.testing.assert_allclose(samples["rpm1"][5:-10], 1000 + 1e3 * samples["time_s"][5:-10], atol=1)
+
+
+def esc_flight(path: Path, amps: Callable[[np.ndarray], np.ndarray]) -> Samples:
+    """Of four ESCs from rest to flight, whose current is this of their speeds (4,)."""
+    from firmware_params.px4 import messages
+
+    log = recorded(path)
+    for ms in range(0, 4000, 20):
+        rpm = np.array([900, 1000, 1100, 1200]) + ms + (300.0 * np.sin(ms / 90.0))
+        rpm = np.where(ms < 200, 0.0, np.trunc(rpm))
+        log.add(
+            messages.MAVLink_esc_status_message(
+                0, ms * 1000, rpm.astype(int).tolist(), [20.0] * 4, amps(rpm).tolist()
+            )
+        )
+    return read_flight_log(log.write())
+
+
+def test_escs_whose_current_is_a_line_over_their_rpm_were_never_read(tmp_path: Path) -> None:
+    """As PX4's SITL makes them: rpm 6000 u, cut to whole ones, and 1 A + 15 A u."""
+    made = esc_flight(tmp_path / "made.tlog", lambda rpm: np.where(rpm > 0, 1.0 + (rpm + 0.4) / 400.0, 0.0))
+    assert not made.has("rpm1") and not made.has("current1_A")
+    assert any("simulators" in note for note in made.notes)
+
+
+def test_escs_that_measure_stay(tmp_path: Path) -> None:
+    """The cube of their speed, to a hundredth of an ampere; none at all; one that is noise about a line."""
+    noise = np.random.default_rng(1)
+    real: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "cube": lambda rpm: np.round(1.0 + 20.0 * (rpm / 5000.0) ** 3, 2),
+        "none": lambda rpm: 0.0 * rpm,
+        "line": lambda rpm: np.round(rpm / 400.0 + 0.3 * noise.standard_normal(4) + 2.0, 1),
+    }
+    for name, amps in real.items():
+        assert esc_flight(tmp_path / f"{name}.tlog", amps).has("rpm1", "rpm4"), name
+
+
+def test_a_battery_without_a_number_is_the_pack(tmp_path: Path) -> None:
+    """PX4's SITL tells its battery with id 255; where 0 is there too, that is the first."""
+    for ids, volts in (((255,), 23.0), ((255, 0), 22.0), ((0, 1), 22.0), ((1,), 21.0)):
+        log = recorded(tmp_path / "pack.tlog", packs={n: {255: 23000, 0: 22000, 1: 21000}[n] for n in ids})
+        read = read_flight_log(log.write())
+        np.testing.assert_allclose(read["voltage_V"], volts - 0.1 * read["time_s"], atol=0.11)
 
 
 def test_an_esc_that_esc_info_has_offline_has_no_speed(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-// The law of coax_vehicle.hpp on this machine: failed slots and budget as arguments, four doubles a demand on stdin.
+// The law of coax_vehicle.hpp on this machine: failed slots, budget and lean as arguments, four doubles a demand on stdin.
 #include "coax_vehicle.hpp"
 #include <chrono>
 #include <cstdio>
@@ -7,8 +7,11 @@
 int main(int argc, char **argv)
 {
 	using namespace coaxlink;
-	static BoardLaw law(NUMBERS<float>, NUMBERS<double>, std::atoi(argv[argc - 1]));
 
+	if (argc != 4) { return 1; }
+
+	static BoardLaw law(NUMBERS<float>, NUMBERS<double>, std::atoi(argv[2]));
+	law.lean(static_cast<float>(std::atof(argv[3])));
 	law.without(static_cast<uint32_t>(std::atoi(argv[1])));
 	double demand[4], out[4 * ARMS + 5];
 

@@ -72,11 +72,13 @@ def build(
     return program
 
 
-def on_board(program: Path, rows: Array, failed_slots: int = 0, budget: int = BUDGET) -> Answers:
+def on_board(
+    program: Path, rows: Array, failed_slots: int = 0, budget: int = BUDGET, lean: float = 0.0
+) -> Answers:
     """What the program answers."""
     run = subprocess.run(
-        [program, str(failed_slots), str(budget)], input=np.ascontiguousarray(rows, float).tobytes(),
-        capture_output=True, check=True,
+        [program, str(failed_slots), str(budget), f"{lean:.9g}"],
+        input=np.ascontiguousarray(rows, float).tobytes(), capture_output=True, check=True,
     )  # fmt: skip
     table = np.frombuffer(run.stdout).reshape(len(rows), -1)
     settled, fell_back, passes, micros, looks = table[:, -5:].T

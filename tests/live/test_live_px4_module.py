@@ -157,7 +157,7 @@ def test_files_name_the_vehicle_and_the_way_back():
     assert identity in files["src/modules/coax_mixer/coax_vehicle.hpp"]
     assert "control_allocator stop" in files["etc/extras.txt"] and identity in files["README.md"]
     assert {Path(name).name for name in files} == {
-        "CMakeLists.txt", "CoaxMixer.cpp", "CoaxMixer.hpp", "Companion.hpp", "coax_law.hpp",
+        "CMakeLists.txt", "CoaxMixer.cpp", "CoaxMixer.hpp", "Companion.hpp", "Share.hpp", "coax_law.hpp",
         "coax_vehicle.hpp", "module.yaml", "extras.txt", "README.md",
     }  # fmt: skip
 

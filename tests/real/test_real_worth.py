@@ -35,9 +35,8 @@ def test_figures_are_of_their_segments() -> None:
         yaw = worth.HEADING - math.radians(2.0) if segment.name == "yaw" else 2 * math.pi + math.radians(2.0)
         for k in range(int(segment.duration_s / 0.1)):
             north, east = segment.at(0.1 * k).position_m[:2]
-            rows.append(
-                (float(n), 100.0 + t + 0.1 * k, down, yaw, 10.0 * n, north, east, -2.0, 98.0665, 11.0 * n)
-            )
+            mine = (float(n), 100.0 + t + 0.1 * k, down, yaw, 10.0 * n, north, east, -2.0, 98.0665, 11.0 * n)
+            rows.append((*mine, 1000.0 * n, 2000.0, 58.8399))
         t += segment.duration_s
     rolled = (math.cos(math.radians(1.5)), math.sin(math.radians(1.5)), 0.0, 0.0)
     heard = []
@@ -49,7 +48,9 @@ def test_figures_are_of_their_segments() -> None:
         )
     found = worth.figures(np.array(rows), heard, starts)
     assert set(found) == set(worth.FIGURES)
-    assert found["battery power in hover"] == 22.0
+    assert found["battery power in hover"] == 22.0 and found["upper rotors in hover"] == 2000.0
+    assert found["lower rotors in hover"] == 2000.0
+    assert found["share from above"] == pytest.approx(0.6)
     assert found["power in hover"] == 20.0 and found["power in the circle"] == 40.0
     assert found["thrust demand in hover"] == pytest.approx(0.4)
     assert found["height after the drop, most"] == pytest.approx(0.2)

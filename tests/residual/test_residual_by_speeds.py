@@ -98,3 +98,14 @@ def test_an_rpm_that_the_loads_contradict_is_named(flown):
     found = answered(vehicle, log.with_columns(rpm3=1.05 * log["rpm3"]))
     assert [s.column for s in found.suspect_data] == ["rpm3"] and not found.effects
     assert "1.05" in found.suspect_data[0].why
+
+
+def test_motors_that_all_turn_a_little_faster_than_the_file_says_are_no_finding(flown):
+    vehicle, fly = flown
+    log = fly()
+    found = answered(vehicle, log.with_columns(**{n: 1.004 * log[n] for n in RPM}))
+    assert (
+        not found.suspect_data
+        and not found.effects
+        and not any("rpm" in u.depends_on for u in found.unexplained)
+    )

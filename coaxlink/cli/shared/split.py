@@ -75,7 +75,15 @@ class Split:
             raise SafetyRefusal(f"{error.reason}; or two tables in turn, with --tables") from error
         flight.record.earlier = self._earlier
         say(flight.plan.words())
-        say("at its end, a limit or your mode change the companion is silent: the split on board flies again")
+        if flight.trial:
+            from coaxlink.fly.split_trial import ON_BOARD, TRIAL
+
+            say(
+                f"by the module's {TRIAL}: at its end, a limit, your mode change or without this program the "
+                f"share on board ({ON_BOARD}) flies again"
+            )
+        else:
+            say("at its end, a limit or your mode change the companion is silent: the split on board is back")
         self._flight = flight
 
     def _prepare_table(self, session: Session) -> None:
@@ -156,6 +164,13 @@ class Split:
         if not answer.worth_it:
             say("next: nothing to upload, the split on board may stay")
             return
+        if self._flight.trial:
+            from coaxlink.fly.split_trial import ON_BOARD
+
+            say(f"next: on the ground, {ON_BOARD} {answer.share:.3f} in the ground station's parameters")
+            if answer.at_edge:
+                say("then this plan once more: it begins there")
+            return
         self._say_table(answer.share)
         if self._flight.by_module:
             say(
@@ -163,6 +178,24 @@ class Split:
             )
         elif answer.at_edge:
             say("then this plan once more, with that table on board: it begins at its split")
+
+    def tell_cut_short(self, kept: Path | None) -> None:
+        """What a flight that ended early is good for; `kept` is where its JSON goes."""
+        from coaxlink.fly.table_flights import TablesAnswer
+
+        assert self._flight is not None
+        try:
+            self._flight.record.dwells()
+        except InputError:
+            return  # nothing was measured
+        try:
+            answer = self.answer()
+            if not isinstance(answer, TablesAnswer):
+                console().print(f"up to its end: {answer.words()}", soft_wrap=True)
+        except InputError as error:
+            say(f"up to its end the split is not answered: {error}")
+        how = f"again with --after {kept}" if kept else "again; --json FILE keeps a flight for --after"
+        say(f"what was flown counts: a fresh pack, and this plan {how}")
 
     def _tell_escs(self) -> None:
         """The other measurement of the same current, or why there is none."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from coaxlink.data.logs.changes import Change, periods, read_in_periods
 from coaxlink.data.logs.dataflash_records import Kept, Records, read_records
+from coaxlink.data.logs.esc_readings import measured_escs
 from coaxlink.data.logs.outputs import (
     ARDUPILOT_OUTPUTS,
     Map,
@@ -239,10 +240,11 @@ def _rpm(esc: Message | None, outputs: Map, notes: list[str], premises: list[str
     fields = {"rpm{}": "RPM"}
     more = {"current{}_A": "Curr", "temperature{}_C": "Temp"}
     fields |= {ours: theirs for ours, theirs in more.items() if esc and np.any(esc.get(theirs, 0.0))}
-    return [
+    found = [
         series(_instance(esc, ("Instance",), instance), {n.format(motor): f for n, f in fields.items()})
         for instance, motor in motors.items()
     ]
+    return measured_escs(found, notes)
 
 
 def _switch(events: Message | None, name: str, on: int, off: int) -> TimeSeries | None:

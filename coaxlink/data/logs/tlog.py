@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2, MICROSECONDS_WRAP_S
+from coaxlink.data.logs.esc_readings import measured_escs
 from coaxlink.data.logs.mavlink_frames import LONGEST_FRAME, Heard, Rows, Sender, heard, message_numbers
 from coaxlink.data.logs.outputs import (
     Map,
@@ -383,13 +384,17 @@ def _height(messages: Mapping[str, Message], notes: list[str]) -> TimeSeries | N
 
 
 def _voltage(battery: Message | None) -> TimeSeries | None:
-    """V of the whole pack: the cells that are filled in, or the one total that some autopilots send."""
+    """V of the whole pack: the cells that are filled in, or the one total that some autopilots send.
+
+    Of several packs the first; the last is one without a number, as PX4's SITL has it (255).
+    """
     if battery is None:
         return None
     cells = battery["voltages"]
     filled = (cells > 0) & (cells < NO_CELL_MV)
     pack = {"time_s": battery["time_s"], "pack": np.where(filled, cells, 0.0).sum(axis=1) / 1e3}
-    return series(rows_of(pack, (battery["id"] == 0) & filled[:, 0]), {"voltage_V": "pack"})
+    first = battery["id"] == battery["id"].min()
+    return series(rows_of(pack, first & filled[:, 0]), {"voltage_V": "pack"})
 
 
 def _online(info: Message | None, esc: int, time_s: Array) -> NDArray[np.bool_]:
@@ -448,4 +453,4 @@ def _rpm(
         found.append(TimeSeries.of(time_s[online], columns))
         if esc in warm and np.any(warm[esc][1]):
             found.append(TimeSeries.of(warm[esc][0], {f"temperature{motor}_C": warm[esc][1]}))
-    return found
+    return measured_escs(found, notes)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from coaxlink import files
 from coaxlink.data.logs.changes import Change, periods, read_in_periods
 from coaxlink.data.logs.demands import DEMANDS, between_rows
+from coaxlink.data.logs.esc_readings import measured_escs
 from coaxlink.data.logs.outputs import (
     PX4_MOTOR_1,
     PX4_MOTORS,
@@ -316,7 +317,7 @@ def _rpm(
             if not online.all():
                 notes.append(f"rpm{motor}: ESC {esc} is offline in {np.mean(~online):.0%} of esc_status")
             found.append(TimeSeries.of(topic["time_s"][online], {n: c[online] for n, c in columns.items()}))
-    return found
+    return measured_escs(found, notes)
 
 
 def _online(topic: Message, esc: int) -> NDArray[np.bool_]:

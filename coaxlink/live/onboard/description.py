@@ -21,6 +21,7 @@ from coaxlink.mixer.edge import Edge
 from coaxlink.mixer.exact import PRIORITY, ExactLaw
 from coaxlink.mixer.exact.arms import Units, scaled
 from coaxlink.mixer.exact.solver import Arms
+from coaxlink.mixer.shares import Shares, shares_of
 from coaxlink.vehicle import Vehicle, refuse_live
 
 HASH_BITS = 24  # whole numbers up to 2^24 are exact in a message's single precision
@@ -54,6 +55,7 @@ class BoardLaw(BoardVehicle):
     hover: float  # thrust demand that lifts the weight
     edge: Edge  # what motors are told for speeds
     bereft: Bereft
+    shares: Shares  # of the upper rotors, that may be asked for
 
     @property
     def demand(self) -> NDArray[np.float64]:
@@ -83,8 +85,9 @@ def board_law(vehicle: Vehicle) -> BoardLaw:
     if not 0.05 < hover < 0.95:
         problem = f"{weight:.0f} N is {hover:.2f} of what the rotors lift: 0.05 to 0.95 is expected"
         raise InputError(frame.source or frame.name, "mass_kg", problem)
-    of, bereft = board_vehicle(vehicle.declared), _bereft(vehicle, arms)
-    return BoardLaw(of.name, of.identity, of.rotors, arms, units, wrench, hover, Edge.of(vehicle), bereft)
+    of, bereft, edge = board_vehicle(vehicle.declared), _bereft(vehicle, arms), Edge.of(vehicle)
+    shares = shares_of(vehicle)
+    return BoardLaw(of.name, of.identity, of.rotors, arms, units, wrench, hover, edge, bereft, shares)
 
 
 def _bereft(vehicle: Vehicle, arms: Arms) -> Bereft:

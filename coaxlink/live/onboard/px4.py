@@ -14,7 +14,7 @@ from coaxlink.live.onboard.description import BoardLaw
 from coaxlink.mixer.edge import STRAIGHT, Edge
 
 FOLDER = Path(__file__).with_name("px4_module")
-SOURCES = ("CoaxMixer.cpp", "CoaxMixer.hpp", "Companion.hpp", "coax_law.hpp", "module.yaml")
+SOURCES = ("CoaxMixer.cpp", "CoaxMixer.hpp", "Companion.hpp", "Share.hpp", "coax_law.hpp", "module.yaml")
 MOTORS = 12  # actuator_motors_s::NUM_CONTROLS
 
 
@@ -37,6 +37,11 @@ def vehicle_header(about: BoardLaw, made_from: str) -> str:
         hover=_number(about.hover),
         surface=_table(arms.surface),
         power=_table(arms.power),
+        lean=_table(about.units.lean),
+        shares=len(about.shares.share),
+        share=_singles(about.shares.share),
+        lean_of=_singles(about.shares.lean),
+        own_share=_single(about.shares.own),
         gain=_table(arms.gain),
         lo=_table(arms.lo),
         hi=_table(arms.hi),
@@ -78,6 +83,14 @@ def plain_ascii(text: str) -> str:
 
 def _number(value: float) -> str:
     return f"Real({value:.17g})"
+
+
+def _single(value: float) -> str:
+    return f"{np.float32(value):.8e}f"
+
+
+def _singles(values: ArrayLike) -> str:
+    return "{" + ", ".join(_single(v) for v in np.asarray(values, float)) + "}"
 
 
 def _table(values: ArrayLike, depth: int = 1) -> str:

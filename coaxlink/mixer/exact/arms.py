@@ -46,6 +46,7 @@ class Units:
     scale: Array  # (4,) N or N m of a unit, by rank
     power: float  # N m (sum of torque x speed) of a unit of power
     slots: NDArray[np.int64]  # (N,) which of the 2K coordinates is rotor n's
+    lean: Array  # (K, T) as `power`: half of what a pair's upper rotor lifts more, of the full thrust
 
 
 def windmilling(model: RotorModel, top: float) -> float:
@@ -96,7 +97,7 @@ def scaled(
     lo, hi = np.zeros(2 * len(pairs)), np.zeros(2 * len(pairs))
     slots = np.zeros(count, np.int64)
     least = vehicle.turned(np.full(count, low))
-    surfaces, powers, gains = [], [], []
+    surfaces, powers, gains, leans = [], [], [], []
     for k, (a, b) in enumerate(pairs):
         slots[a] = 2 * k
         if not still[a]:
@@ -113,9 +114,10 @@ def scaled(
         gains.append(gain)
         upper, lower = sizes[1] * _times_u(mine[1]), sizes[3] * _times_line(mine[3], lines[k])
         powers.append(_add(upper, lower) / power)
+        leans.append(_add(sizes[0] * mine[0], -sizes[2] * mine[2]) * (0.5 * (b >= 0)) / full[0].sum())
     m = max(len(few) for few in surfaces)
     of_surface = _orders([c for few in surfaces for c in few])
-    of_power = _orders(powers)
+    of_power = _orders([*powers, *leans])
     dense = np.zeros((len(pairs), m, (of_surface[0] + 1) * (of_surface[1] + 1)))
     gain = np.zeros((len(pairs), m, 4))
     for k, (few, g) in enumerate(zip(surfaces, gains, strict=True)):
@@ -128,7 +130,8 @@ def scaled(
         len(pairs), m, *of_surface, *of_power, dense, np.array([_dense(c, of_power) for c in powers]), gain,
         lo, hi, np.array(CAPS), squares, lines, np.where(hi > lo, 0.5 * (lo + hi), lo), np.array([WITHIN]),
     )  # fmt: skip
-    return arms, Units(order, scale, power, slots)
+    lean = np.array([_dense(c, of_power) for c in leans])
+    return arms, Units(order, scale, power, slots, lean)
 
 
 def _lines(

@@ -22,7 +22,7 @@ from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import DAMAGED, PREMISES, Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
-from coaxlink.residual.channels.rounding import before_rounding, rounding_noise
+from coaxlink.residual.channels.rounding import before_rounding
 from coaxlink.residual.channels.strapdown import smoothed_attitude, smoothed_height, smoothed_velocity
 from coaxlink.rotor import RotorModel
 from coaxlink.signals import derivative, difference_gain, lagged, low_pass, noise_floor
@@ -178,9 +178,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         notes=tuple(notes),
         extra={"logged_attitude": joined["logged_attitude"]},
     )
-    mass_and_inertia = np.array([airframe.mass_kg] * 3 + list(airframe.inertia_kg_m2))
-    rounding = rounding_noise(logs, mass_and_inertia, 1.0 / frame.step_s, cutoff)
-    return replace(frame, sampling=_between_rows(frame, joined), rounding=rounding)
+    return replace(frame, sampling=_between_rows(frame, joined))
 
 
 def _same_motors(log: Samples, airframe: Airframe) -> None:

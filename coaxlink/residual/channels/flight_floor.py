@@ -38,12 +38,12 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
         alike=np.array([frame.airframe.mass_kg] * 3 + list(frame.airframe.inertia_kg_m2)),
     )
     if floor is not None:
-        return np.maximum(floor, frame.rounding)
+        return floor
     every = max(1, round(frame.rate_hz / JUDGED_RATE_HZ))
     gain = [difference_gain(frame.rate_hz, frame.cutoff_hz, every, differentiated=d) for d in turned]
     estimated = noise_floor(reduced, runs.astype(float), np.array(gain))
     # slow rows: nothing above the band tells what commands between them did, but the rows themselves do
-    return np.maximum(np.hypot(estimated, frame.sampling), frame.rounding)
+    return np.asarray(np.hypot(estimated, frame.sampling))
 
 
 def floor_behind(frame: FlightFrame, corrections: Mapping[str, float], lag_s: float | None = None) -> Array:

@@ -38,27 +38,25 @@ def held_against_speeds(
     turned = None if inputs.blind else by_logged_speeds(bare, inputs.logs)
     if turned is None or not found.channels:
         return found, bare
-    felt = np.sqrt(np.mean(reduce_columns(bare, turned.predicted - bare.predicted) ** 2, axis=0))
+    moved = np.std(reduce_columns(bare, turned.predicted - bare.predicted), axis=0)
     words = _ratio_words(bare, turned)
-    if _denied(found, dict(zip(FLIGHT_CHANNELS, felt, strict=True))):
+    if _denied(found, dict(zip(FLIGHT_CHANNELS, moved, strict=True))):
         progress("without the supply, which the rpm deny")
         bare = replace(bare, ruled_out={SUPPLY: f"the ESCs' rpm deny it: {words}"})
         return judge_flight(inputs, bare, progress), bare
     floor = np.array([found.channels[name].noise_floor for name in FLIGHT_CHANNELS])
-    if not np.any(felt > floor):
+    # a rotor's thrust by its rpm, over that by its commands, is apart by more than a stand promises
+    apart = bool(np.any(np.abs(np.median(_ratios(bare, turned), axis=0) ** 2 - 1.0) > lift_room(bare)))
+    if not apart and not np.any(moved > floor):
         return found, bare
     progress("from the rpm")
-    turned = replace(
-        turned, ruled_out={SUPPLY: "the flight is predicted from the ESCs' rpm, which have it in"}
-    )
+    why = "the flight is predicted from the ESCs' rpm, which have it in"
+    turned = replace(turned, ruled_out={SUPPLY: why})
     by_rpm = judge_flight(inputs, turned, progress)
     gained = _left(found) - _left(by_rpm)
-    if gained < -CLEARLY:
+    if apart and gained < -CLEARLY:
         return replace(found, suspect_data=(*found.suspect_data, _untrue(bare, turned))), bare
-    within = abs(float(np.mean(_ratios(bare, turned))) ** 2 - 1.0) < lift_room(
-        bare
-    )  # of what a stand promises
-    if gained < CLEARLY or (_alike(found, by_rpm) and (within or _names(found) & SLOWS)):
+    if gained < CLEARLY or (_alike(found, by_rpm) and (not apart or _names(found) & SLOWS)):
         return found, bare
     if drives := _names(found) - SLOWS - _names(by_rpm):
         progress("without what the rpm take away")
@@ -67,7 +65,7 @@ def held_against_speeds(
         again = judge_flight(inputs, taken, progress)
         if _names(again) & SLOWS and _alike(again, by_rpm):
             return again, taken
-    return _beside_the_drive(by_rpm, felt / floor, felt, words), turned
+    return _beside_the_drive(by_rpm, moved / floor, moved, words), turned
 
 
 def _names(found: Refinement) -> frozenset[str]:
@@ -91,7 +89,7 @@ def _left(found: Refinement) -> float:
     return float(sum(np.log(max(c.rmse_as_given, 1e-12)) for c in found.channels.values()))
 
 
-def _denied(found: Refinement, felt: Mapping[str, float]) -> bool:
+def _denied(found: Refinement, moved: Mapping[str, float]) -> bool:
     """Whether a supply is named that would have changed the loads by more than rotors turned otherwise."""
     if SUPPLY not in _names(found):
         return False
@@ -100,7 +98,7 @@ def _denied(found: Refinement, felt: Mapping[str, float]) -> bool:
     }
     size = {name: float(np.sqrt(max(a**2 - b**2, 0.0))) for name, (a, b) in errors.items()}
     channel = max(size, key=lambda name: size[name] / found.channels[name].noise_floor)
-    return felt[channel] < HALF * size[channel]
+    return moved[channel] < HALF * size[channel]
 
 
 def _ratio_words(bare: FlightFrame, turned: FlightFrame) -> str:
@@ -127,9 +125,9 @@ def _untrue(bare: FlightFrame, turned: FlightFrame) -> Suspect:
     return Suspect(f"rpm{number}", "all", why)
 
 
-def _beside_the_drive(by_rpm: Refinement, share: Array, felt: Array, words: str) -> Refinement:
+def _beside_the_drive(by_rpm: Refinement, share: Array, moved: Array, words: str) -> Refinement:
     """The answer from the rpm, with what the drive does beside its file, by no effect."""
     c = int(np.argmax(share))
     where = f"by the ESCs' rpm {words}; from the rpm this is not left: identify the drive again"
-    drive = Unexplained(FLIGHT_CHANNELS[c], ("rpm",), float(felt[c]), where)
+    drive = Unexplained(FLIGHT_CHANNELS[c], ("rpm",), float(moved[c]), where)
     return replace(by_rpm, unexplained=(*by_rpm.unexplained, drive))

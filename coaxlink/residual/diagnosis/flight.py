@@ -63,7 +63,7 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
         reference=frame.reference,
         target=target,
         block=np.unique(block[some], return_inverse=True)[1],
-        least_noise=np.maximum(RESOLUTION * frame.reference, frame.rounding),
+        least_noise=RESOLUTION * frame.reference,
         variables={n: v for n, v in flight_variables(frame).items() if np.ptp(v) > 0.0},
         speeds={c: (frame.speeds[frame.keep].mean(axis=1),) for c in range(len(FLIGHT_CHANNELS))},
         weights=np.broadcast_to(frame.reference, target.shape),
@@ -101,7 +101,7 @@ def _model_missed(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Itera
     """What a rotor model left of its own stand log, over the speeds and alike in all pairs: a flight that
     shows it again shows nothing new."""
     rows, upper_of = len(frame.thrust), {lower: upper for upper, lower in frame.airframe.pairs}
-    least = np.maximum(RESOLUTION * frame.reference, frame.rounding)
+    least = RESOLUTION * frame.reference
     for load, size in frame.model.missed.items():
         rotors = [k for k, r in enumerate(frame.airframe.rotors) if load.channel.startswith(r.level)]
         if not rotors:

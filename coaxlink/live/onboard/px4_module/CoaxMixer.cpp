@@ -3,6 +3,7 @@
 #include <px4_platform_common/log.h>
 #include <px4_platform_common/module.h>
 #include <px4_platform_common/time.h>
+#include <systemlib/mavlink_log.h>
 #include <uORB/uORB.h>
 
 #include <cmath>
@@ -65,6 +66,9 @@ bool CoaxMixer::init()
 	if (_mode_sub.copy(&mode) && mode.flag_armed) { PX4_ERR("armed"); return false; }
 
 	read_parameters();
+
+	if (_share.begin(real("COAX_SHARE", 0.f), real("COAX_SHARE_TRY", 0.f))) { refuse_share(); }
+
 	_law.without(0);
 	return _torque_sub.registerCallback();
 }
@@ -105,6 +109,8 @@ void CoaxMixer::Run()
 		parameter_update_s update;
 		_parameter_sub.copy(&update);
 		read_parameters();
+
+		if (_share.take(real("COAX_SHARE", 0.f), real("COAX_SHARE_TRY", 0.f))) { refuse_share(); }
 	}
 
 	vehicle_control_mode_s mode;
@@ -112,10 +118,12 @@ void CoaxMixer::Run()
 	if (_mode_sub.update(&mode)) {
 		_publish = mode.flag_control_allocation_enabled;
 		_armed = mode.flag_armed;
+		_offboard = mode.flag_control_offboard_enabled;
 	}
 
 	check_failures();
 	take_setpoints(torque);
+	take_share(hrt_absolute_time());
 
 	float demand[4];
 
@@ -175,6 +183,23 @@ void CoaxMixer::check_failures()
 	_companion.stopped = mask;
 	_law.without(slots);
 	PX4_WARN("motors out of the law: 0x%x", static_cast<unsigned>(mask));
+}
+
+void CoaxMixer::refuse_share()
+{
+	mavlink_log_warning(&_talk, "COAX_SHARE not flown: 0, or %.3f to %.3f\t", static_cast<double>(_share.least()),
+			    static_cast<double>(_share.most()));
+}
+
+// Before the demand is solved. A dead rotor's arm has no split.
+void CoaxMixer::take_share(hrt_abstime now)
+{
+	offboard_control_mode_s offboard;
+	const bool fresh = _offboard_sub.copy(&offboard) && now < offboard.timestamp + SETPOINT_US;
+	const float dt = static_cast<float>(now - _last_run) * 1e-6f;
+	const float lean = _share.lean(dt < 0.02f ? dt : 0.02f, _armed && _offboard && fresh && _failed == 0);
+
+	if (std::fabs(lean - _lean) > 0.f) { _law.lean(_lean = lean); }
 }
 
 // What is not finite is not taken: the last whole demand stays.
@@ -273,7 +298,8 @@ void CoaxMixer::publish_status(hrt_abstime now)
 }
 
 // data: roll, pitch, yaw, thrust; system and component followed; answers taken; number of the demand; identity of the
-// vehicle; token followed; share of the companion; then one of the facts below in turn, as its number and its value.
+// vehicle; token followed; share of the companion; then one of the facts below in turn, as its number and its value;
+// share of the upper rotors that is flown, whether it is a trial, the law's own, the least and the most of these rotors.
 void CoaxMixer::publish_demand(hrt_abstime now)
 {
 	float delivered[4];
@@ -305,6 +331,11 @@ void CoaxMixer::publish_demand(hrt_abstime now)
 	out.data[10] = _companion.share;
 	out.data[11] = static_cast<float>(_told);
 	out.data[12] = _told < 8 ? facts[_told] : WRENCH<float>[(_told - 8) / 4][(_told - 8) % 4];
+	out.data[13] = _share.flown;
+	out.data[14] = _share.tried() ? 1.f : 0.f;
+	out.data[15] = OWN_SHARE;
+	out.data[16] = _share.least();
+	out.data[17] = _share.most();
 	_demand_pub.publish(out);
 }
 
@@ -317,6 +348,9 @@ void CoaxMixer::print_status()
 	PX4_INFO("refused: foreign %u, rival %u, invalid %u, stale %u, implausible %u", static_cast<unsigned>(c.refused[0]),
 		 static_cast<unsigned>(c.refused[1]), static_cast<unsigned>(c.refused[2]), static_cast<unsigned>(c.refused[3]),
 		 static_cast<unsigned>(c.refused[4]));
+	PX4_INFO("share of the upper rotors: %.3f%s, %.3f the law's own, %.3f to %.3f can be had", static_cast<double>(_share.flown),
+		 _share.tried() ? " on trial" : "", static_cast<double>(OWN_SHARE), static_cast<double>(_share.least()),
+		 static_cast<double>(_share.most()));
 	PX4_INFO("law: looked all round %d times, flew the reduced mixer %u times", static_cast<int>(_law.looks),
 		 static_cast<unsigned>(_fell_back));
 	PX4_INFO("law: unsettled %u, most passes %d of %d, not finite %u, failed motors 0x%x", static_cast<unsigned>(_unsettled),

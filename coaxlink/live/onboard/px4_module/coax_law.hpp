@@ -43,6 +43,7 @@ template<typename Real> struct Levels {
 template<typename Real, int K, int M, int NU, int NL, int PU, int PL> struct Vehicle {
 	Real surface[K][M][(NU + 1) * (NL + 1)];
 	Real power[K][(PU + 1) * (PL + 1)];
+	Real lean[K][(PU + 1) * (PL + 1)];     // half of what the upper rotor lifts more, of the full thrust
 	Real gain[K][M][4];                    // wrench by axis of a unit of each surface
 	Real lo[2 * K];
 	Real hi[2 * K];
@@ -130,7 +131,15 @@ public:
 	using Numbers = Vehicle<Real, K, M, NU, NL, PU, PL>;
 	static constexpr int N = 2 * K;
 
-	explicit Law(const Numbers &vehicle, int32_t budget = 400) : _budget(budget), _vehicle(vehicle) { without(0); }
+	explicit Law(const Numbers &vehicle, int32_t budget = 400) : _budget(budget), _vehicle(vehicle) { lean(0); without(0); }
+
+	// What is least: power, and so much times what upper rotors lift more (mixer/shares.py).
+	void lean(Real by)
+	{
+		for (int k = 0; k < K; k++) {
+			for (int i = 0; i < (PU + 1) * (PL + 1); i++) { _cost[k][i] = _vehicle.power[k][i] + by * _vehicle.lean[k][i]; }
+		}
+	}
 
 	// Forget the last solution; slots of `failed` (bit i: speed i) stand still from now on.
 	void without(uint32_t failed)
@@ -316,7 +325,7 @@ private:
 			}
 
 			power += _still[2 * k + 1] ? value<PU, 0>(_vehicle.still_power[k], u, 0)
-				 : value<PU, PL>(_vehicle.power[k], u, l);
+				 : value<PU, PL>(_cost[k], u, l);
 		}
 	}
 
@@ -342,7 +351,7 @@ private:
 		Real p[6];
 
 		if (still) { surface<PU, 0>(_vehicle.still_power[k], u, 0, p); }
-		else { surface<PU, PL>(_vehicle.power[k], u, l, p); }
+		else { surface<PU, PL>(_cost[k], u, l, p); }
 
 		Real gu = p[1], gl = p[2], uu = p[3], ul = p[4], ll = p[5];
 
@@ -1233,6 +1242,7 @@ private:
 
 	const int32_t _budget;
 	const Numbers &_vehicle;
+	Real _cost[K][(PU + 1) * (PL + 1)] {};
 	Real _lo[N] {}, _hi[N] {};
 	bool _still[N] {};
 	Real _power = 0, _radius = 0;
@@ -1254,6 +1264,13 @@ public:
 	ExactLaw(const Vehicle<float, K, M, NU, NL, PU, PL> &single, const Vehicle<double, K, M, NU, NL, PU, PL> &wide,
 		 int32_t budget) :
 		_near(single, budget), _sure(wide, budget) {}
+
+	// See Law.
+	void lean(float by)
+	{
+		_near.lean(by);
+		_sure.lean(static_cast<double>(by));
+	}
 
 	// Forget the last solution; slots of `failed` (bit i: speed i) stand still from now on.
 	void without(uint32_t failed)
