@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.data.logs.streams import TimeSeries
 from coaxlink.data.resolution import resolution_of
-from coaxlink.frames import Array
 
 ROWS, SPAN = 10, 100.0  # fewer, and less span than so many times the rounding, tell no line from a curve
 ROUNDED_RPM = 1.0  # a whole number, rounded or cut off
@@ -31,8 +31,12 @@ def measured_escs(found: Sequence[TimeSeries | None], notes: list[str]) -> list[
 
 def _is_made_up(series: TimeSeries) -> bool:
     """Whether its current is a line over its rpm, to what their rounding leaves."""
-    rpm: Array | None = next((c for name, c in series.columns.items() if name.startswith("rpm")), None)
-    amps: Array | None = next((c for name, c in series.columns.items() if name.startswith("current")), None)
+    rpm: NDArray[np.float64] | None = next(
+        (c for name, c in series.columns.items() if name.startswith("rpm")), None
+    )
+    amps: NDArray[np.float64] | None = next(
+        (c for name, c in series.columns.items() if name.startswith("current")), None
+    )
     if rpm is None or amps is None:
         return False
     turning = (rpm > 0.0) & (amps > 0.0)
