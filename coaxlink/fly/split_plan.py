@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.data.logs.esc_readings import on_a_line
 from coaxlink.errors import InputError
 from coaxlink.fly.esc_amps import STALE_S, EscAmps, esc_amps
 from coaxlink.fly.split_answer import Dwells, SplitAnswer, best_split, dwells_of, joined
@@ -96,11 +97,19 @@ class PowerRecord:
     amps: list[tuple[float, ...]] = field(
         default_factory=list
     )  # a row each: battery's, then the ESCs' or NaN
+    rpm: list[list[float]] = field(default_factory=list)  # a row each, of the ESCs
+    battery: int = 256  # whose readings these are, by its id; above all that there are
 
     def hear(self, message: Any) -> None:
         """Session subscriber."""
         t = self.now_s  # once: it is set on another thread
         if math.isnan(t) or message.get_type() != "BATTERY_STATUS" or message.current_battery < 0:
+            return
+        if message.id < self.battery:  # of several monitors the first: two may read one pack
+            self.battery = message.id
+            for heard in (self.rows, self.amps, self.rpm):
+                heard.clear()
+        if message.id != self.battery:
             return
         volts = sum(v for v in message.voltages if 0 < v < 65535) / 1e3
         velocity, attitude = self.telemetry.latest("velocity"), self.telemetry.latest("attitude")
@@ -110,13 +119,14 @@ class PowerRecord:
             watts = volts * amps
             number, level = self.plan.number(t), self.plan.level(t)
             self.rows.append((number, t, watts, level, velocity.value[2], roll**2 + pitch**2))
-            self.amps.append((amps, *self._esc_amps()))
+            self.amps.append((amps, *self._each("esc_current")))
+            self.rpm.append(self._each("esc_rpm"))
 
-    def _esc_amps(self) -> list[float]:
+    def _each(self, reading: str) -> list[float]:
         """(N,) by motor, NaN where its ESC did not say it just now."""
-        now, amps = self.telemetry.now(), self.telemetry.each("esc_current")
+        now, each = self.telemetry.now(), self.telemetry.each(reading)
         return [
-            amps[k].value if k in amps and now - amps[k].received_s <= STALE_S else math.nan
+            each[k].value if k in each and now - each[k].received_s <= STALE_S else math.nan
             for k in range(len(self.upper))
         ]
 
@@ -124,7 +134,13 @@ class PowerRecord:
         """The ESCs' amps against the battery's. Raises InputError where they are not all there."""
         if len(self.rows) < 2 or not self.upper:
             raise InputError("the ESCs", "current", "no hover in which any was heard")
-        rows, amps = np.array(self.rows), np.array(self.amps)
+        rows, amps, rpm = np.array(self.rows), np.array(self.amps), np.array(self.rpm)
+        known = np.isfinite(amps[:, 1:]).all(axis=1) & np.isfinite(rpm).all(axis=1)
+        if known.any() and all(on_a_line(r, a) for r, a in zip(rpm[known].T, amps[known, 1:].T, strict=True)):
+            problem = (
+                "a straight line over their rpm to the last digit: a simulator made both of the commands"
+            )
+            raise InputError("the ESCs", "current", problem)
         return esc_amps(rows, amps, self.upper, self.plan.settle_s, self.plan.on_board)
 
     def dwells(self) -> Dwells:

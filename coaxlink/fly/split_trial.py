@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
+from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.fly.flight import OverLimit
 from coaxlink.live.module_end import PAYLOAD_TYPE, ModuleEnd, SharesFlown
 from coaxlink.mavlink import Session, codec
@@ -40,6 +40,8 @@ class ShareTrial:
         """Raises SafetyRefusal where the module was built with another rotor model, or a companion mixes."""
         assert module.share is not None
         self.share: SharesFlown = module.share
+        if module.companion:
+            raise SafetyRefusal(f"the module follows a companion ({module.companion}): end that first")
         self._session, self._clock = session, session.clock
         own = shares_of(vehicle).own
         if abs(own - self.share.own) > SAME_MODEL:
@@ -52,10 +54,17 @@ class ShareTrial:
         self._echo = math.nan
 
     def levels(self, reach: float, count: int) -> tuple[float, ...]:
-        """`count` shares (odd) evenly to both sides of that on board, those that the rotors have."""
+        """`count` shares (odd) evenly to both sides of that on board, those that the rotors have.
+
+        Raises InputError for fewer than three.
+        """
         board, least, most = self.share.flown, self.share.least, self.share.most
         even = np.linspace(board - reach, board + reach, count)
-        return tuple(float(share) for share in even if least <= share <= most)
+        found = tuple(float(share) for share in even if least <= share <= most)
+        if len(found) < 3:
+            problem = f"within {reach:g} of {board:.3f} too few can be had: {least:.3f} to {most:.3f}"
+            raise InputError("the module", "share", problem)
+        return found
 
     @contextmanager
     def mixing(self) -> Iterator[None]:
@@ -67,18 +76,10 @@ class ShareTrial:
             self._write(0.0)
             yield
         finally:
-            for _ in range(3):  # each in its own right: a line that loses may lose one
+            # the module lets go by itself; this clears the number, and a line may lose one
+            for _ in range(3):
                 self._write(0.0)
             end()
-
-    def taken_back(self) -> str:
-        """After the landing: asks until the parameter is 0 again; what remains to be done, empty: nothing."""
-        try:
-            parameters = Parameters(self._session)
-            parameters.write_many([parameters.encode(TRIAL, 0.0, FLOAT)])
-        except (CheckFailed, LinkError) as error:
-            return f"{TRIAL} is not back at 0 ({error}); it is not flown until it is changed"
-        return ""
 
     def ask(self, share: float) -> bool:
         """Have it flown; whether it is. Raises OverLimit where the module takes up no trial."""

@@ -55,7 +55,9 @@ class SharesFlown:
     def of(cls, data: Sequence[float]) -> SharesFlown | None:
         """What a demand says, None where its module knows no shares or its rotors have one only."""
         flown, trial, own, least, most = data[13:18]
-        return cls(flown, trial > 0.5, own, least, most) if 0.0 < least < most < 1.0 else None
+        by_companion = data[10] > 0.0  # its motors, not this share
+        tried = trial > 0.5 and not by_companion
+        return cls(flown, tried, own, least, most) if 0.0 < least < most < 1.0 else None
 
 
 class ModuleEnd:
@@ -144,6 +146,12 @@ class ModuleEnd:
         if ours or (system, component) == (0, 0):
             return None
         return f"system {system} component {component}"
+
+    @property
+    def companion(self) -> str:
+        """Whom the module follows, empty: nobody."""
+        system, component, _ = self._followed
+        return f"system {system} component {component}" if system or component else ""
 
     def account(self) -> dict[str, int]:
         """What the module reported of itself last, as `coaxlink mix --json` has it under `board`."""

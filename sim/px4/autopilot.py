@@ -61,7 +61,7 @@ class Autopilot(Navigator):
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.exchange: Callable[[LoopDemand], None] = lambda demand: None
         self.keep: Callable[[], None] = lambda: None  # parameters, against a power cut
-        self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
+        self.command: NDArray[np.float64] = np.zeros(self.rotors)  # the last motor commands
         self.boots = 0
         self.boot()
 
@@ -262,7 +262,7 @@ class Autopilot(Navigator):
         return self.reading
 
     def _outputs(self, d: LoopDemand) -> NDArray[np.float64]:
-        """(N,) what the ESCs are told, 0..1."""
+        """(N,) commands of the ESCs, 0..1."""
         if not self.armed:
             return self._tested()
         if self.module is not None:

@@ -110,3 +110,44 @@ def test_amps_are_those_of_the_battery_readings_own_second() -> None:
     hear(first, battery)
     assert record.amps[1][:5] == pytest.approx((50.0, 6.0, 6.1, 6.2, 6.3))
     assert np.isnan(record.amps[1][5:]).all()
+
+
+def heard_record(batteries: dict[int, int], rpm_of: Any, amps_of: Any) -> PowerRecord:
+    """A minute's readings of these packs (id: hundredths of an ampere) and of eight ESCs by their command."""
+    now = [0.0]
+    record = PowerRecord(
+        Telemetry(lambda: now[0]), SplitPlan((0.4, 0.5, 0.6), 0.5, 3), upper=UPPER, now_s=0.0
+    )
+    rng = np.random.default_rng(5)
+    for k in range(120):
+        now[0] = record.now_s = 0.45 * k
+        u = 0.5 + 0.1 * np.sin(0.3 * k) + 0.02 * rng.normal(size=8)
+        for first in (0, 4):
+            four = u[first : first + 4]
+            rpm, amps = [int(v) for v in rpm_of(four)], [float(v) for v in amps_of(four)]
+            record.telemetry.hear(MAVLink_esc_status_message(first, 0, rpm, [24.0] * 4, amps))
+        record.telemetry.hear(m.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        record.telemetry.hear(m.MAVLink_local_position_ned_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        for number, amps in batteries.items():
+            cells = [4000] * 6 + [65535] * 4
+            record.hear(m.MAVLink_battery_status_message(number, 0, 0, 0, cells, amps, 0, 0, 90))
+    return record
+
+
+def test_amps_that_a_simulator_made_with_the_rpm_are_none() -> None:
+    """As PX4's SITL: 6000 rpm and 1 A + 15 A times the command."""
+    made = heard_record({0: 5000}, lambda u: 6000.0 * u, lambda u: 1.0 + 15.0 * u)
+    with pytest.raises(InputError, match="a simulator made both"):
+        made.escs()
+    read = heard_record({0: 5000}, lambda u: 6000.0 * np.sqrt(u), lambda u: np.round(1.0 + 15.0 * u**1.5, 2))
+    with pytest.raises(InputError) as other:  # of another reason: three dwells are too few
+        read.escs()
+    assert "simulator" not in str(other.value)
+
+
+@pytest.mark.parametrize(
+    "batteries", [{0: 5000, 1: 900}, {1: 900, 0: 5000}, {255: 900, 0: 5000}, {255: 5000}]
+)
+def test_of_several_battery_monitors_one_is_read(batteries: dict[int, int]) -> None:
+    record = heard_record(batteries, lambda u: 6000.0 * u, lambda u: 15.0 * u**1.5)
+    assert {row[0] for row in record.amps} == {50.0} and len(record.rows) >= 119

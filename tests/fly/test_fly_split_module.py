@@ -186,6 +186,14 @@ def test_a_module_of_another_rotor_model_is_refused(capsys: Any, tmp_path: Path)
     assert math.isclose(flight.seen[-1][2], flight.seen[0][2], abs_tol=0.01)
 
 
+def test_while_a_companion_mixes_no_share_is_tried(capsys: Any, tmp_path: Path) -> None:
+    flight = Board()
+    module = flight.autopilot.module
+    module._who, module._is_followed = (255, 191, 7), lambda now: True
+    code, said, _, _ = fly(flight, capsys, tmp_path, None)
+    assert code == 4 and "companion (system 255 component 191)" in said and not flight.autopilot.armed
+
+
 def test_a_board_over_a_raw_map_has_the_law_of_the_vehicles_own_file(tmp_path: Path) -> None:
     made = tmp_path / "map.csv"
     made.write_text("pwm upper,pwm lower\n1500,1500\n")

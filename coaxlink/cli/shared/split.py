@@ -52,7 +52,8 @@ class Split:
         if self._dwells < least:
             raise InputError("--minutes", f"{minutes:g}", f"{least * DWELL_S / 60.0:.1f} at least: {why}")
         self._flight: SplitFlight | TableFlight | None = None
-        self._earlier, self._tables = tuple(_dwells_in(path) for path in after), tables
+        self._after, self._earlier = tuple(after), tuple(_dwells_in(path) for path in after)
+        self._tables = tables
 
     def hover(self, height_m: float) -> FlightPlan:
         """What the vehicle itself is asked to fly."""
@@ -194,7 +195,8 @@ class Split:
                 console().print(f"up to its end: {answer.words()}", soft_wrap=True)
         except InputError as error:
             say(f"up to its end the split is not answered: {error}")
-        how = f"again with --after {kept}" if kept else "again; --json FILE keeps a flight for --after"
+        flights = "".join(f" --after {path}" for path in (*self._after, kept))
+        how = f"again with{flights}" if kept else "again; --json FILE keeps a flight for --after"
         say(f"what was flown counts: a fresh pack, and this plan {how}")
 
     def _tell_escs(self) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from coaxlink.data.logs.streams import TimeSeries
 from coaxlink.data.resolution import resolution_of
 
+Array = NDArray[np.float64]
 ROWS, SPAN = 10, 100.0  # fewer, and less span than so many times the rounding, tell no line from a curve
 ROUNDED_RPM = 1.0  # a whole number, rounded or cut off
 
@@ -30,15 +31,14 @@ def measured_escs(found: Sequence[TimeSeries | None], notes: list[str]) -> list[
 
 
 def _is_made_up(series: TimeSeries) -> bool:
-    """Whether its current is a line over its rpm, to what their rounding leaves."""
-    rpm: NDArray[np.float64] | None = next(
-        (c for name, c in series.columns.items() if name.startswith("rpm")), None
-    )
-    amps: NDArray[np.float64] | None = next(
-        (c for name, c in series.columns.items() if name.startswith("current")), None
-    )
-    if rpm is None or amps is None:
-        return False
+    """Whether both are in it and one of the other."""
+    rpm: Array | None = next((c for name, c in series.columns.items() if name.startswith("rpm")), None)
+    amps: Array | None = next((c for name, c in series.columns.items() if name.startswith("current")), None)
+    return rpm is not None and amps is not None and on_a_line(rpm, amps)
+
+
+def on_a_line(rpm: Array, amps: Array) -> bool:
+    """Whether the current of an ESC (rows,) is a line over its rpm, to what their rounding leaves."""
     turning = (rpm > 0.0) & (amps > 0.0)
     x, y = rpm[turning], amps[turning]
     if len(np.unique(x)) < ROWS:

@@ -46,6 +46,7 @@ from coaxlink.residual.faults.repeats import copied_rows, held_runs, is_fine, li
 from coaxlink.residual.faults.response import response_faults
 from coaxlink.residual.faults.silent_speeds import STUCK_S
 from coaxlink.residual.faults.states import WHOLE, Finding, Mask, runs_of
+from coaxlink.residual.held_out import Index
 from coaxlink.residual.result import Suspect
 
 # priors: name = value  # unit, source
@@ -58,6 +59,10 @@ FAILS, PIECES = 3.0, 8  # and parts of the flight, each of which has to bear it 
 # nats a window, judgement: what the reference itself misses adds up in a long flight (sound ones of ten sets
 # gain 0.17 at most, columns that lie throughout 0.8 and more)
 SLIGHT = 0.3
+# of a zero from one part of a flight to the next, judgement: what SHARE leaves of 1 g, and of a turn of a
+# radian a second; sensors that warm move by a third of it (MPU-6000)
+SHIFT = dict.fromkeys(ACCEL[:2], 0.5) | dict.fromkeys(GYRO, 0.05)
+QUARTERS = 4  # of a flight, one of which has to read otherwise than the rest
 KNOWN_BY = {"accel": "velocity", "gyro": "angles", "vel": "accelerometers", "height": "vertical velocity"}
 KNOWN_BY |= dict.fromkeys(("roll", "pitch", "yaw"), "gyros")
 EXCHANGED = "exchanged, the columns fit: labels or wires are swapped"
@@ -88,7 +93,7 @@ def column_faults(log: Samples) -> list[Finding]:
     gone = np.logical_or.reduce([copied, *(rows for _, rows, _ in found)])
     found += _rounded(log)
     if len(kin.first) >= LEAST_WINDOWS:
-        found += _Judged.of(kin, ~kin.touches(gone)).chained(log.rows)
+        found += _Judged.of(kin, ~kin.touches(gone)).about_the_most().chained(log.rows)
     return [*found, *_voltage(log)]
 
 
@@ -165,8 +170,9 @@ class _Judged:
     def chained(self, rows: int) -> Iterator[Finding]:
         """Columns that lie in some of the log's rows or in all of them, by the most probable states."""
         usable = self.linear.usable
-        found = list(self._states())
-        left = [self.linear.left(misses, noise_of(misses[usable])) for *_, misses in found]
+        found = [(names, why, self.linear.left(x, noise_of(x[usable]))) for names, why, x in self._states()]
+        found += self._moved()
+        left = [x for *_, x in found]
         sigma = np.min([noise_of(x[usable]) for x in (self.sound, *left)], axis=0)
         against = log_evidence_of(self.sound / sigma)
         share = independent(self._best_pieced(left, against, sigma)[usable] / sigma)
@@ -217,6 +223,36 @@ class _Judged:
                 by, what = KNOWN_BY[name.split("_")[0]], "scale, zero or unit" if times > 0.0 else "sign"
                 why = f"it reads {1.0 / times:.3g} times what the {by} would have: its {what} is wrong"
                 yield name, why, self._scaled(name, times)
+
+    def _moved(self) -> Iterator[tuple[str, str, Array]]:
+        """Likewise of a zero that is another one in some windows: what is left (windows, 7) there."""
+        for name, part, moved in self._parts():
+            unit, known = "m/s^2" if name in ACCEL else "rad/s", KNOWN_BY[name.split("_")[0]]
+            why = f"by the {known} it reads {moved:+.2g} {unit} more here than elsewhere: its zero moves"
+            by = float(np.median(-self.kin.along(name, self.sound)[0][part]))
+            yield name, why, self.sound + self.kin.zero(name, by)
+
+    def about_the_most(self) -> _Judged:
+        """With the zero of what moves where most windows have it, and not between the two: the middle of the
+        shortest interval that holds half of them (Rousseeuw 1984)."""
+        sound = self.sound
+        for name in dict.fromkeys(name for name, *_ in self._parts()):
+            more = np.sort(-self.kin.along(name, sound)[0][self.linear.usable])
+            half = len(more) // 2
+            first = int(np.argmin(more[half:] - more[: len(more) - half]))
+            sound = sound + self.kin.zero(name, float(np.median(more[first : first + half + 1])))
+        return replace(self, sound=sound)
+
+    def _parts(self) -> Iterator[tuple[str, Index, float]]:
+        """Sensors that read otherwise in a quarter of the flight than in the rest, its windows, and by how
+        much more."""
+        usable = np.flatnonzero(self.linear.usable)
+        for name, most in SHIFT.items():
+            more = -self.kin.along(name, self.sound)[0]
+            for part in filter(len, np.array_split(usable, QUARTERS)):
+                moved = float(np.median(more[part]) - np.median(more[np.setdiff1d(usable, part)]))
+                if abs(moved) > most:
+                    yield name, part, moved
 
     def _scaled(self, name: str, times: float) -> Array:
         """(windows, 7) misses with a column times so much."""

@@ -120,6 +120,13 @@ class Kinematics:
         channel = (*VELOCITY, *ANGLES, HEIGHT).index(name)
         return misses[:, channel], channel
 
+    def zero(self, name: str, by: float) -> Array:
+        """(windows, 7) what misses lack where a reading of the IMU is so much too large."""
+        at, axes, names = (0, 2, ACCEL) if name in ACCEL else (3, 3, GYRO)
+        out = np.zeros((len(self.first), 7))
+        out[:, at : at + 3] = by * self.turned()[axes][:, :, names.index(name)]
+        return out
+
     def path(self, **other: Array) -> Array:
         """(windows,) the mean of the vertical velocity, by trapezoids."""
         read = {**self.columns, **other}[VELOCITY[2]]

@@ -57,6 +57,23 @@ def test_another_scale_for_a_while_has_its_rows(clean):
     assert column == "accel_z_m_s2" and "times" in why and np.mean(rows == late) > 0.95
 
 
+@pytest.mark.parametrize(
+    ("column", "by"), [("accel_x_m_s2", 0.8), ("accel_y_m_s2", -0.8), ("gyro_z_rad_s", 0.1)]
+)
+@pytest.mark.parametrize("share", [0.3, 0.75])
+def test_a_zero_that_moves_in_flight_is_told_with_its_rows(column, by, share, clean):
+    late = clean["time_s"] > share * clean["time_s"][-1]
+    ((found, rows, why),) = column_faults(Samples(clean | {column: clean[column] + by * late}, "fault"))
+    few = late if share > 0.5 else ~late  # which of the two is the sound one nothing tells
+    assert found == column and "zero moves" in why and np.mean(rows == few) > 0.9
+
+
+def test_a_zero_that_drifts_as_sensors_do_is_sound(clean):
+    warm = np.linspace(0.0, 1.0, len(clean["time_s"]))
+    harmed = clean | {"accel_x_m_s2": clean["accel_x_m_s2"] + 0.2 * warm}
+    assert not column_faults(Samples(harmed | {"gyro_y_rad_s": clean["gyro_y_rad_s"] + 0.01 * warm}, "fault"))
+
+
 def test_another_scale_from_the_middle_on_is_no_noise(clean):
     """Half of a flight is off: neither half is an outlier of the other."""
     time = clean["time_s"]
