@@ -72,6 +72,15 @@ def cuts(source: str, streams: Iterable[Stream], late_s: float, begins: Iterable
     return found
 
 
+def joined(heard_s: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Places at which another recording begins, in the recorder's clock of every frame (n,) of a file.
+
+    >>> joined(np.r_[600.0:700.0, 0.0:50.0])
+    array([100])
+    """
+    return np.flatnonzero(np.diff(_middle(heard_s)) < -UNHEARD_S) + 1
+
+
 def _middle(clock: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) the middle one of LONE stamps around each."""
     half = LONE // 2

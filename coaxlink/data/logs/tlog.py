@@ -41,7 +41,7 @@ from coaxlink.data.logs.streams import (
     rows_of,
     series,
 )
-from coaxlink.data.logs.stretches import LATE_S, UNHEARD_S, Stream, cuts, each_stretch
+from coaxlink.data.logs.stretches import LATE_S, UNHEARD_S, Stream, cuts, each_stretch, joined
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 from firmware_params.ardupilot.parameters import other_vehicle
@@ -147,8 +147,8 @@ def _link(path: Path, system: int | None) -> _Link:
         raise InputError(path, "", f"system {sender[0]} sent parameters alone: no flight in this tlog")
     bytewise = not ("HEARTBEAT" in sent and bool((sent["HEARTBEAT"].fields["autopilot"] == ARDUPILOT).any()))
     boots = []
-    joined = np.flatnonzero(np.diff(found.clock_us) < -1e6 * UNHEARD_S) + 1  # two recordings in one file
-    edges = [0, *cuts(str(path), _streams(sent, found, joined), LATE_S, joined.tolist()), 2**62]
+    begun = joined(found.clock_us / 1e6)
+    edges = [0, *cuts(str(path), _streams(sent, found, begun), LATE_S, begun.tolist()), 2**62]
     for first, last in pairwise(edges):
         stated = {n: part for n, rows in sent.items() if len((part := rows.between(first, last - 1)).at)}
         values: dict[str, float] = {}
@@ -165,14 +165,14 @@ def flight_numbers() -> frozenset[int]:
     return message_numbers([name for name in NAMES if name not in QUIET])
 
 
-def _streams(sent: Mapping[str, Rows], found: Heard, joined: NDArray[np.intp]) -> Iterator[Stream]:
+def _streams(sent: Mapping[str, Rows], found: Heard, begun: NDArray[np.intp]) -> Iterator[Stream]:
     """The board's clock in messages that it sends one at a time; what came over two links counts once in each
-    recording, which `joined` begin.
+    recording, of which these are the first places.
     """
     for name in CLOCKS:
         if name in sent:
             fields, heard_s = sent[name].fields, found.clock_us[sent[name].at] / 1e6
-            recording = np.searchsorted(joined, sent[name].at, side="right").astype(np.int64)
+            recording = np.searchsorted(begun, sent[name].at, side="right").astype(np.int64)
             said = [x.view(np.uint8).reshape(len(fields), -1) for x in (recording, fields)]
             key = np.ascontiguousarray(np.concatenate(said, axis=1))
             _, first, which = np.unique(key.view(f"V{key.shape[1]}"), return_index=True, return_inverse=True)
