@@ -173,8 +173,8 @@ def _streams(sent: Mapping[str, Rows], found: Heard, begun: NDArray[np.intp]) ->
         if name in sent:
             fields, heard_s = sent[name].fields, found.clock_us[sent[name].at] / 1e6
             recording = np.searchsorted(begun, sent[name].at, side="right").astype(np.int64)
-            said = [x.view(np.uint8).reshape(len(fields), -1) for x in (recording, fields)]
-            key = np.ascontiguousarray(np.concatenate(said, axis=1))
+            bytes_of = [x.view(np.uint8).reshape(len(fields), -1) for x in (recording, fields)]
+            key = np.ascontiguousarray(np.concatenate(bytes_of, axis=1))
             _, first, which = np.unique(key.view(f"V{key.shape[1]}"), return_index=True, return_inverse=True)
             first = first[which.ravel()]
             again = (np.arange(len(fields)) != first) & (heard_s - heard_s[first] < UNHEARD_S)

@@ -34,7 +34,7 @@ def held_against_speeds(
     found: Refinement, inputs: Inputs, bare: FlightFrame, progress: Callable[[str], None]
 ) -> tuple[Refinement, FlightFrame]:
     """What is `found` in these flights, aligned as `bare`, or what the rpm say in its place, and the frame by
-    which it is said."""
+    which this holds."""
     turned = None if inputs.blind else by_logged_speeds(bare, inputs.logs)
     if turned is None or not found.channels:
         return found, bare

@@ -225,7 +225,7 @@ class _Judged:
                 yield name, why, self._scaled(name, times)
 
     def _moved(self) -> Iterator[tuple[str, str, Array]]:
-        """Likewise of a zero that is another one in some windows: what is left (windows, 7) there."""
+        """Likewise of a zero that is another one in some windows: the misses (windows, 7) then."""
         for name, part, moved in self._parts():
             unit, known = "m/s^2" if name in ACCEL else "rad/s", KNOWN_BY[name.split("_")[0]]
             why = f"by the {known} it reads {moved:+.2g} {unit} more here than elsewhere: its zero moves"

@@ -27,7 +27,7 @@ from coaxlink.signals import low_pass
 # what tells, how like the two must be where one is shifted, and parts of a flight that have to bear it out
 LEADS_S, BAND_HZ, ALIKE, PIECES = 0.02, 0.5, 0.7, 8
 TORQUES = (3, 4)  # roll and pitch, of a frame's channels
-TOLD_BY = ((2, ACCEL[2], "lift"), (3, GYRO[0], "roll"), (4, GYRO[1], "pitch"))
+SHOWN_BY = ((2, ACCEL[2], "lift"), (3, GYRO[0], "roll"), (4, GYRO[1], "pitch"))
 
 
 def response_faults(frame: FlightFrame) -> list[Suspect]:
@@ -50,14 +50,14 @@ def _early(frame: FlightFrame) -> list[Suspect]:
 
 def _late(frame: FlightFrame) -> list[Suspect]:
     """The one of lift, roll and pitch that is later or earlier than another one, and farther from no lag."""
-    shifts = _Shifts.of(frame, frame.predicted, [channel for channel, *_ in TOLD_BY])
+    shifts = _Shifts.of(frame, frame.predicted, [channel for channel, *_ in SHOWN_BY])
     alike = shifts.alike(shifts.every).max(axis=0)
-    known = [k for k in range(len(TOLD_BY)) if alike[k] > ALIKE]
+    known = [k for k in range(len(SHOWN_BY)) if alike[k] > ALIKE]
     late = {k: shifts.late((k,)) for k in known}
     # what is no answer to commands may move the best shift by as much of the reach as there is of it
     reach = {k: NORMAL_999 * late[k][1] + (1.0 - alike[k] ** 2) * float(SHIFTS_S[-1]) for k in known}
     for k, j in permutations(sorted(known, key=lambda k: -abs(late[k][0])), 2):
-        (_, column, what), (_, other, others) = TOLD_BY[k], TOLD_BY[j]
+        (_, column, what), (_, other, others) = SHOWN_BY[k], SHOWN_BY[j]
         by = late[k][0] - late[j][0]
         apart = PERIOD_S if {column, other} <= set(GYRO) else LATE_S  # axes of one sensor, or two sensors
         if abs(by) > max(apart, float(np.hypot(reach[k], reach[j]))):
