@@ -33,7 +33,7 @@ class Shown:
 def would_show(search: Search, log_evidence: float, *, limited: bool = False) -> dict[str, Shown]:
     """Of every effect, how large it had to be to gain so many nats beside the best set, and where.
 
-    Of an effect's plain shapes the middle one is shown, and of what physics allows as a whole alone, as a lag,
+    Of an effect's plain shapes the middle one counts, and of what physics allows as a whole alone, as a lag,
     no part. It passes for another effect that leaves it no more than the odds of one in a hundred. `limited`:
     corrections go no further than two deviations, and what they cannot take shows.
     """
