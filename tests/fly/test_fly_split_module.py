@@ -116,8 +116,8 @@ def test_it_is_flown_by_the_parameter_about_the_share_on_board_and_answered(
     assert code == 0, said
     assert "COAX_SHARE_TRY" in said and "companion is silent" not in said
     assert flight.autopilot.module.taken == 0  # no companion mixed
-    flown = [row[1] for row in flight.seen if row[3] == Mode.OFFBOARD]
-    assert min(flown) < 0.41 and max(flown) > 0.59
+    flown = [row[1] for row in flight.seen if row[3] == Mode.OFFBOARD and row[2] > 1.0]
+    assert min(flown) < 0.43 and max(flown) > 0.57
     assert len(found["split"]["dwell_rows"]) == 14
     assert found["split"]["on_board"] == pytest.approx(0.5, abs=1e-3)
     # towards the law's own, which is at least power by this very rotor model
