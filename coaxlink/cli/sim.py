@@ -168,8 +168,14 @@ def coax_firmware(vehicle: Vehicle) -> CoaxFirmware:
     def delivered(u: NDArray[np.float64]) -> NDArray[np.float64]:
         return frame.wrench(*frame.loads(vehicle.model, u))[about.units.order] / about.units.scale
 
+    def commands(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        if about.edge.straight:
+            return u
+        return np.clip(about.edge.commands(about.edge.nominals(u.tolist())), 0.0, 1.0)
+
     shares = np.column_stack([about.shares.share, about.shares.lean])
-    return CoaxFirmware(about.identity, speeds, delivered, about.wrench, law.lean, shares, about.shares.own)
+    own = about.shares.own
+    return CoaxFirmware(about.identity, speeds, delivered, about.wrench, law.lean, shares, own, commands)
 
 
 def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:

@@ -22,8 +22,8 @@ SHARE_NAMES = ("COAX_SHARE", "COAX_SHARE_TRY")
 LOOK_S, SETPOINT_S = 0.1, 0.3  # between two looks at them; a set-point that is older is nobody's
 MOVE_1_S, BACK_1_S = 0.05, 1.0  # of the share a second: to a share, and back from a trial
 FOREIGN, RIVAL, INVALID, STALE, IMPLAUSIBLE = range(5)
-Law = Callable[[float, float, float, float], NDArray[np.float64]]  # roll, pitch, yaw, thrust to commands (N,)
-Delivered = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # commands (N,) to (4,) of the authority
+Law = Callable[[float, float, float, float], NDArray[np.float64]]  # roll, pitch, yaw, thrust to speeds (N,)
+OfSpeeds = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # speeds (N,), to what a field says
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,12 @@ class CoaxFirmware:
 
     identity: int
     law: Law
-    delivered: Delivered
+    delivered: OfSpeeds  # (4,) of the authority
     wrench: NDArray[np.float64]  # (4, 4) thrust, roll, pitch, yaw per roll, pitch, yaw, thrust
     lean: Callable[[float], None]  # what the law leans by from now on
     shares: NDArray[np.float64]  # (P, 2) rising shares of the upper rotors, and the lean that flies each
     own_share: float  # the law's
+    commands: OfSpeeds  # (N,) of the ESCs that hold them
     timeout_s: float = 0.020  # COAX_TIMEOUT
 
 
@@ -109,7 +110,8 @@ class CoaxModule:
         else:
             self.share = min(1.0, self.share + dt / FADE_S)
         turns = [not self.stopped >> i & 1 for i in range(self._rotors)]
-        return np.where(turns, self._own + self.share * (self._theirs - self._own), 0.0)
+        speeds = self._own + self.share * (self._theirs - self._own)
+        return np.where(turns, self.built.commands(np.where(turns, speeds, 0.0)), 0.0)
 
     def demand_message(self, now: float, time_usec: int) -> m.MAVLink_message:
         """DEBUG_FLOAT_ARRAY."""

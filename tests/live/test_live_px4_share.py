@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,10 +11,13 @@ import numpy as np
 import pytest
 from board_law import build, on_board
 
+from coaxlink.cli.sim import coax_firmware
 from coaxlink.files import example
 from coaxlink.live.onboard.description import board_law
 from coaxlink.mixer.shares import LeaningLaw, shares_of
-from coaxlink.vehicle import load_vehicle
+from coaxlink.rotor.drive import Drive, SideDrive
+from coaxlink.vehicle import Vehicle, load_vehicle
+from sim.px4.coax_module import CoaxModule
 
 X8 = load_vehicle(example("x8_paper.toml"))
 WEIGHT_N = 9.81 * X8.airframe.mass_kg
@@ -117,3 +121,15 @@ def test_the_law_on_board_leans_as_pythons(tmp_path):
         law.lean(lean)
         ours = on_board(host, given[:, about.units.order] / about.units.scale, lean=lean).speeds[:, slots]
         assert np.abs(ours - law.many(given)).max() < 2e-4
+
+
+def test_the_stand_in_commands_what_the_drive_needs_for_the_speeds_of_the_law() -> None:
+    side = SideDrive((0.02, 0.5, 0.3), 0.01, range=(0.05, 1.0))
+    vehicle = Vehicle(X8.airframe, dataclasses.replace(X8.rotors, drive=Drive(side, side)))
+    built, hover = coax_firmware(vehicle), board_law(vehicle).hover
+    module = CoaxModule(built, 8)
+    module.mix(0.0, 0.0, 0.0, 0.0, hover)
+    speeds = built.law(0.0, 0.0, 0.0, hover)
+    torque, sent = X8.airframe.loads(X8.rotors, speeds)[1], module.outputs(0.01)
+    assert np.abs(sent - speeds).max() > 0.05  # else the drive was straight
+    assert sent == pytest.approx(0.02 + 0.5 * speeds + 0.3 * speeds**2 + 0.01 * torque, abs=1e-6)
