@@ -34,7 +34,7 @@ from coaxlink.premises import (
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.channels.flight import flight_frame, flown
 from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
-from coaxlink.residual.diagnosis.by_speeds import held_against_speeds
+from coaxlink.residual.diagnosis.by_speeds import CLEARLY, held_against_speeds
 from coaxlink.residual.diagnosis.judge_flight import judge_flight
 from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, lift_beside, weighing
 from coaxlink.residual.faults.flight_faults import motors_too_many
@@ -52,7 +52,6 @@ Progress = Callable[[str], None]
 # effects that are a premise's own number: finding one is measuring it
 OWN = {"mass_kg": "mass_change", "motor_lag_s": "rotor_lag"}
 AT_BOUND = 0.999  # of a correction's bound
-CLEARLY = 0.1  # of the logarithm of errors, channels together, that another number must leave less
 LARGEST = 1e17  # microseconds of a clock reach 1e16; nothing on a vehicle is larger in SI units
 
 

@@ -21,13 +21,10 @@ from coaxlink.residual.nuisance.flight_corrections import lift_room
 from coaxlink.residual.result import Refinement, Suspect, Unexplained
 
 SUPPLY = "battery_voltage"
-SLOWS = {
-    SUPPLY,
-    "degraded_rotor",
-}  # effects of a flight that rpm show: all rotors slower, or one; a lag is too quick
+SLOWS = {SUPPLY, "degraded_rotor"}  # what rpm show: all rotors slower, or one; a lag is too quick for them
 HALF = 0.5  # of what an effect explains: nearer to none of it than to all
 ALONE = 3.0  # times as far apart as the next: one column, and no trait of all (judgement)
-CLEARLY = 0.1  # of the logarithm of errors, channels together, that commands must leave less than rpm
+CLEARLY = 0.1  # of the logarithm of errors, channels together, that another number must leave less: judgement
 
 
 def held_against_speeds(
