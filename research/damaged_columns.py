@@ -218,7 +218,7 @@ STEPS = {"motor": (0.0, 1e-3, 1e-4), "accel": (0.0, 9.81e-3), "gyro": (0.0, 1e-3
 
 def undamaged(count: int, examples: Path, first: int = 0) -> int:
     """Sound logs of drawn flights, effects and resolutions: print each that is doubted; how many are."""
-    from coaxlink.residual.faults.inputs import checked
+    from coaxlink.instruments.flight.inputs import checked
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import load_vehicle
     from sim.effects import HiddenEffect

@@ -87,9 +87,9 @@ def vehicle(job: tuple[int, int, bool, bool, bool]) -> list[dict[str, Any]]:
     """A row a minute: the table's error beyond the best, and a pair's loads in hover."""
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_flight_log
-    from coaxlink.health.coefficients import coefficients_from_flights
     from coaxlink.mixer.fitted import fit_table
     from coaxlink.rotor.model import load_rotor_model
+    from coaxlink.rotor_update.coefficients import coefficients_from_flights
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import Vehicle
     from sim.physics.rotors import read_pair

@@ -131,8 +131,8 @@ def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, 
 def identified(path: Path, vehicle: Any, seed: int) -> Any:
     """The model that a flight makes of a prior whose loads are each 15 % too large or too small."""
     from coaxlink.data import read_flight_log
-    from coaxlink.health.coefficients import coefficients_from_flights
     from coaxlink.rotor.model import RotorModel
+    from coaxlink.rotor_update.coefficients import coefficients_from_flights
 
     true = vehicle.rotors
     factors = 1.0 + 0.15 * np.random.default_rng([seed, 0x0FF]).choice([-1.0, 1.0], 4)
@@ -149,10 +149,10 @@ def judged_alone(count: int, seed: int, kinds: tuple[str, ...], flown: bool = Fa
 
     `flown`: held against a model that an earlier flight made.
     """
+    from coaxlink.channels.flight import flight_frame
     from coaxlink.data import read_flight_log
     from coaxlink.health.columns import reduced
     from coaxlink.health.judge import judge
-    from coaxlink.residual.channels.flight import flight_frame
     from sim.flights import write_flight
 
     rows = []

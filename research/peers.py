@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from worlds import own as worlds
 
 from coaxlink import files
+from coaxlink.channels.stand import stand_frame
 from coaxlink.data import Samples
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual import refine_stand
-from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.rotor import load_rotor_model
 
 Array = NDArray[np.float64]

@@ -334,11 +334,12 @@ def vehicle_of(log: Path) -> tuple[Path, Path | None]:
 def weighed(verb: str, log: Any, vehicle: Any) -> tuple[str, tuple[str, ...], Any]:
     """(the answer, what it grants or doubts, the loads in hover of `identify`) of columns that were read."""
     from coaxlink.errors import InputError
-    from coaxlink.health.coefficients import coefficients_from_flights
-    from coaxlink.health.premises import flown_by, judged, update_hangs_on
+    from coaxlink.health.premises import judged
+    from coaxlink.instruments.flight.inputs import checked
     from coaxlink.premises.answer import as_json
     from coaxlink.residual import refine
-    from coaxlink.residual.faults.inputs import checked
+    from coaxlink.rotor_update.coefficients import coefficients_from_flights
+    from coaxlink.rotor_update.premises import flown_by, update_hangs_on
 
     loads = None
     try:
@@ -375,7 +376,7 @@ def news(doubts: tuple[str, ...], before: tuple[str, ...]) -> list[str]:
 
 def told_of(log: Any, vehicle: Any) -> set[tuple[str, str]]:
     """What `health`, `refine` and `identify` say of columns before they infer anything (`faults.inputs`)."""
-    from coaxlink.residual.faults.inputs import checked
+    from coaxlink.instruments.flight.inputs import checked
 
     return {(s.column, s.why) for s in checked([log], vehicle.declared).suspects}
 

@@ -24,12 +24,12 @@ import numpy as np
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples, read_flight_log, read_stand_log
 from coaxlink.data.single import STAND, SingleTable, read_single_table
-from coaxlink.health.coefficients import coefficients_from_flights
 from coaxlink.load import Load
 from coaxlink.rotor import Identification, RotorModel, identify, load_rotor_model
 from coaxlink.rotor.fit import FORMS
 from coaxlink.rotor.prior import PairPrior, Propeller, pair_prior
 from coaxlink.rotor.stand_data import COAXIAL, unit_of
+from coaxlink.rotor_update.coefficients import coefficients_from_flights
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parent / "examples"

@@ -92,7 +92,7 @@ def method_hash() -> str:
     import coaxlink
 
     digest = hashlib.sha256()
-    for part in ("residual", "effects", "data", "rotor", "premises"):
+    for part in ("residual", "instruments", "channels", "evidence", "effects", "data", "rotor", "premises"):
         for path in sorted((Path(coaxlink.__file__).parent / part).rglob("*.*")):
             if path.suffix in (".py", ".toml"):
                 digest.update(path.read_bytes())

@@ -1,7 +1,7 @@
 """What a flight's residual may be made of: a linear model with priors, and each rotor's own loads in it.
 
 What is explained is what was measured less what the model predicts, force down and three torques
-(`residual.channels`). What lasts from flight to flight (how this copy of the vehicle differs from the
+(`channels`). What lasts from flight to flight (how this copy of the vehicle differs from the
 drawing) is one set of unknowns; what may change overnight (pack, air, payload) is another for every flight.
 Priors are physical: each has its source beside it. They are what keeps a payload strapped on askew from being
 called a weak rotor.
@@ -15,8 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.channels.flight import EDGE_S, JUDGED_RATE_HZ, reduce_columns
+from coaxlink.channels.flight_corrections import flight_corrections
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.ground_effect import GROUND_FELT_M
+from coaxlink.evidence.blocks import Block
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import USUAL_M_S2
 from coaxlink.health.evidence import CHANNELS, Further, Rows, gained, together
@@ -32,9 +35,6 @@ from coaxlink.health.priors import (
     TILT_ARM_M,
     TORQUE_TODAY,
 )
-from coaxlink.residual.channels.flight import EDGE_S, JUDGED_RATE_HZ, reduce_columns
-from coaxlink.residual.diagnosis.parts import Block
-from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 
 VERTICAL_ZERO = "accel_z_bias_m_s2"
 BOUND_SDS = 2.0  # a correction's largest believable size, in standard deviations

@@ -2,7 +2,7 @@
 
     y_k = P_k b_k + L_k a + w_k(t) F_k c + noise       a lasting, b_k of flight k alone, c a fault's size
 
-All of it is one regression (`residual.diagnosis.evidence`). Its columns stand flight by flight, what lasts
+All of it is one regression (`evidence.likelihood`). Its columns stand flight by flight, what lasts
 behind them: flights touch one another through that alone, so the factor of one flight is a part of the whole
 one's, and what the data say of a fault is a sum over flights but for what the lasting unknowns give way.
 """
@@ -16,11 +16,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.evidence.blocks import Block, joined
+from coaxlink.evidence.likelihood import Base, Channel, Fit, fitted
+from coaxlink.evidence.noise import autocorrelation_time
 from coaxlink.frames import Array
-from coaxlink.residual.diagnosis.evidence import Base, Channel, Fit, fitted
 from coaxlink.residual.diagnosis.flight_search import SETTLES
-from coaxlink.residual.diagnosis.noise import autocorrelation_time
-from coaxlink.residual.diagnosis.parts import Block, joined
 
 CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
 CHUNK = 500  # rows whose products are held at once (memory)

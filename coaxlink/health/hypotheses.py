@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from coaxlink.evidence.blocks import Block, joined
 from coaxlink.frames import Array
 from coaxlink.health.columns import Flight
 from coaxlink.health.evidence import Further, Statistics, Together, gained, together
@@ -29,7 +30,6 @@ from coaxlink.health.priors import (
     TORQUE_WITH_THRUST,
 )
 from coaxlink.residual.diagnosis.hypotheses import ODDS
-from coaxlink.residual.diagnosis.parts import Block, joined
 
 FAULT_ODDS = float(np.exp(ODDS))  # that a rotor lost something: as of any other effect
 PAYLOAD_ODDS = 1 / 5  # that its payload is not where it was

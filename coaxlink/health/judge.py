@@ -22,8 +22,8 @@ from coaxlink.health.evidence import together
 from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, LOADS, Comparison, Payload, compared, lost
 from coaxlink.health.onsets import Onset
 from coaxlink.health.priors import GROUND, LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST, WATCH
+from coaxlink.instruments.findings import Suspect
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
-from coaxlink.residual.result import Suspect
 
 SLIGHT = 1e-3  # of all explanations: a less likely one moves no interval
 

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from coaxlink.airframe import Airframe
+from coaxlink.channels.logged_speeds import LEAST_ROWS, has_speed
 from coaxlink.constants import FULL, NORMAL_999, TURNING
 from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.data.samples import Samples
-from coaxlink.residual.channels.logged_speeds import LEAST_ROWS, has_speed
 from coaxlink.rotor.model import RotorModel
 
 # priors: name = value  # unit, source

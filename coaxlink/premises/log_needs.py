@@ -14,7 +14,7 @@ from coaxlink.premises.rotation import pairs_unmeasured
 
 FLYING = 0.5  # of the usual command in flight: less is the ground
 GAP_S = 2.0  # as long as the slowest attitude loop needs to answer (`same_vehicle.QUICK_S`)
-# what is judged lies below 4 Hz (`residual.channels.flight`), and a log shows half its rate (Nyquist)
+# what is judged lies below 4 Hz (`channels.flight`), and a log shows half its rate (Nyquist)
 LEAST_RATE_HZ = 8.0
 
 

@@ -50,7 +50,7 @@ CURVE = (0.5, 1.0)  # power of rpm over command: thrust goes with it, or speed
 # nats by which another order of the motors must explain the flight better: one flight in a thousand has
 # exchanged outputs (prior, judgement), and a hundred to one is sure enough to say so
 EXCHANGED = float(np.log(1000.0) + np.log(100.0))
-BAND_HZ = 4.0  # of what is judged (`residual.channels.flight`): so many independent rows are two a period
+BAND_HZ = 4.0  # of what is judged (`channels.flight`): so many independent rows are two a period
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from coaxlink.constants import NORMAL_95
-from coaxlink.health.coefficients import Update
-from coaxlink.health.next_flight import NextFlight
 from coaxlink.report.terminal import grouped, table
+from coaxlink.rotor_update.coefficients import Update
+from coaxlink.rotor_update.next_flight import NextFlight
 
 REPORTED = {"told": "identified", "partly": "partly", "not told": "not identified"}
 CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.channels.flight import flight_frame, reduce_columns
 from coaxlink.data import Samples, read_flights
 from coaxlink.data.samples import DAMAGED, PREMISES
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.premises.same_vehicle import other_vehicle
-from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.tables.px4 import not_in_newtons
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.channels.flight import JUDGED_RATE_HZ, flight_frame, reduce_columns
 from coaxlink.data import Samples
+from coaxlink.evidence.held_out import contiguous_blocks
 from coaxlink.frames import FlightFrame
-from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame, reduce_columns
-from coaxlink.residual.held_out import contiguous_blocks
 from coaxlink.signals import difference_gain, noise_floor
 from coaxlink.vehicle import Vehicle
 

@@ -13,10 +13,21 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from coaxlink.airframe import Airframe
+from coaxlink.channels.flight import flight_frame, flown
+from coaxlink.channels.flight_corrections import (
+    ACCEL_BIAS_M_S2,
+    flight_corrections,
+    lift_room,
+    lift_share,
+)
+from coaxlink.channels.stand_rows import in_order_of_time, without_empty_cells
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import FlightFrame
+from coaxlink.instruments.flight.commands import motors_too_many
+from coaxlink.instruments.flight.flown_log import FlownLog
+from coaxlink.instruments.flight.inputs import Inputs, checked
 from coaxlink.premises import (
     Moved,
     NotJudged,
@@ -32,19 +43,9 @@ from coaxlink.premises import (
     unseen,
 )
 from coaxlink.premises.moves import UNKNOWN
-from coaxlink.residual.channels.flight import flight_frame, flown
-from coaxlink.residual.channels.stand_rows import in_order_of_time, without_empty_cells
-from coaxlink.residual.diagnosis.by_speeds import CLEARLY, held_against_speeds
-from coaxlink.residual.diagnosis.judge_flight import judge_flight
-from coaxlink.residual.diagnosis.mass_or_thrust import MASS_OR_THRUST, lift_beside, weighing
-from coaxlink.residual.faults.flight_faults import motors_too_many
-from coaxlink.residual.faults.inputs import Inputs, checked
-from coaxlink.residual.nuisance.flight_corrections import (
-    ACCEL_BIAS_M_S2,
-    flight_corrections,
-    lift_room,
-    lift_share,
-)
+from coaxlink.residual.answer.by_speeds import CLEARLY, held_against_speeds
+from coaxlink.residual.answer.judge_flight import judge_flight
+from coaxlink.residual.answer.mass_or_thrust import MASS_OR_THRUST, lift_beside, weighing
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 
@@ -108,13 +109,13 @@ def refine(
 def vehicle_differs(logs: Sequence[Samples], airframe: Airframe) -> tuple[OtherVehicle, ...]:
     """Motors that the file has and the log has not, or that fly and the file does not know."""
     have = len(airframe.rotors)
-    numbers = {r.number for r in airframe.rotors}
+    numbers = [r.number for r in airframe.rotors]
     return (
         *other_motors(logs, airframe),
         *(
             OtherVehicle("motors", have + many, (have, have), motors_differ(log, have + many, have))
             for log in logs
-            for names, _, _ in motors_too_many(log, numbers)
+            for names, _, _ in motors_too_many(FlownLog.of(log, numbers))
             for many in [len(names.split(","))]
         ),
     )
@@ -215,7 +216,7 @@ def refine_stand(
     several = [in_order_of_time(without_empty_cells(log)) for log in _several(logs)]
 
     def run() -> Refinement:
-        from coaxlink.residual.diagnosis.judge import diagnose_stand
+        from coaxlink.residual.answer.judge_stand import diagnose_stand
 
         return diagnose_stand(several, model, progress)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.instruments.findings import Suspect
 from coaxlink.notebook import Shown
 from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 from coaxlink.rotor import RotorModel
@@ -86,19 +87,6 @@ class Ambiguous:
     separate_by: str
     experiment: Experiment | None = None  # as a runnable schedule, where one was found
     probability: tuple[float, ...] = ()  # of each name, where the rivals were weighed
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """A column that cannot be what it says."""
-
-    column: str
-    rows: str
-    why: str
-
-    def line(self) -> str:
-        """In one line."""
-        return f"suspect: {self.column}, rows {self.rows}: {self.why}"
 
 
 @dataclass(frozen=True)

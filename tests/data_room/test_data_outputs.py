@@ -12,12 +12,12 @@ from pymavlink.dialects.v20 import common
 from test_data_flight import recorded
 
 from coaxlink.airframe import load_airframe
+from coaxlink.channels.flight import flight_frame
 from coaxlink.data import read_flight_log
 from coaxlink.data.logs.outputs import ardupilot_map, as_motors, motors_of_escs, px4_maps, px4_outputs
 from coaxlink.data.samples import OUTPUTS_AS_MOTORS
 from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor import load_rotor_model
 
 FUNCTIONS = {33: 1, 40: 8, 82: 9, 85: 12, 160: 13, 179: 32}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from residual_rig import FULL_RPM, steady_loads
 
+from coaxlink.channels.stand import stand_frame
 from coaxlink.data import Samples
 from coaxlink.effects import hysteresis
-from coaxlink.residual.channels.stand import stand_frame
 
 LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
 

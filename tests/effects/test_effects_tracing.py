@@ -8,11 +8,11 @@ from case_table import case_table
 from residual_rig import run
 
 from coaxlink.airframe import load_airframe
+from coaxlink.channels.stand import stand_frame
 from coaxlink.data import Samples
 from coaxlink.effects import NotShown, flight_effects, stand_effects
 from coaxlink.files import example
 from coaxlink.frames import FLIGHT_CHANNELS, FlightFrame
-from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.rotor import load_rotor_model
 
 ROWS, RATE_HZ = 120, 20.0

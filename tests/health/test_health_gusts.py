@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from case_table import case_table
 
+from coaxlink.channels.flight import flight_frame
 from coaxlink.data import read_flight_log
 from coaxlink.files import example
-from coaxlink.health import regressors
 from coaxlink.health.accelerometer import USUAL_M_S2, vertical_zero
-from coaxlink.health.coefficients import coefficients_from_flights
 from coaxlink.health.columns import passing
-from coaxlink.health.instruments import explained
-from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor_update import regressors
+from coaxlink.rotor_update.coefficients import coefficients_from_flights
+from coaxlink.rotor_update.instrumental_variables import explained
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import HiddenEffect

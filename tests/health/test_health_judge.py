@@ -9,11 +9,11 @@ import pytest
 from case_table import case_table
 from scipy.signal import butter, sosfiltfilt
 
+from coaxlink.evidence.blocks import Block
 from coaxlink.health.columns import Flight, passing_events
 from coaxlink.health.evidence import Further, gained, together
 from coaxlink.health.hypotheses import compared
 from coaxlink.health.judge import judge
-from coaxlink.residual.diagnosis.parts import Block
 
 N, ROWS = 8, 400
 TIMES = 100.0 + np.arange(ROWS) / 10.0

@@ -13,17 +13,18 @@ from residual_world import fly
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
+from coaxlink.channels.flight import flight_frame
 from coaxlink.data import Samples
 from coaxlink.data.samples import DAMAGED
 from coaxlink.errors import InputError
 from coaxlink.health.judge import Health
-from coaxlink.health.premises import flown_by, judged
+from coaxlink.health.premises import judged
+from coaxlink.instruments.flight.inputs import checked
 from coaxlink.premises import as_if, moves, other_vehicle, unseen
 from coaxlink.premises.same_vehicle import Flown, differs
 from coaxlink.residual import refine
-from coaxlink.residual.channels.flight import flight_frame
-from coaxlink.residual.faults.inputs import checked
 from coaxlink.rotor import load_rotor_model
+from coaxlink.rotor_update.premises import flown_by
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
 from sim.effects import HiddenEffect

@@ -14,11 +14,12 @@ from verb import run
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples, read_flight_log
-from coaxlink.health.coefficients import coefficients_from_flights
-from coaxlink.health.premises import flown_by, judged, update_hangs_on
+from coaxlink.health.premises import judged
+from coaxlink.instruments.flight.inputs import checked
 from coaxlink.residual import refine
-from coaxlink.residual.faults.inputs import checked
 from coaxlink.rotor import load_rotor_model
+from coaxlink.rotor_update.coefficients import coefficients_from_flights
+from coaxlink.rotor_update.premises import flown_by, update_hangs_on
 from coaxlink.vehicle import Vehicle, load_vehicle
 
 X8 = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)

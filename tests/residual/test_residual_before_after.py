@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from coaxlink.report.refine import above_floor, verdict
-from coaxlink.residual.diagnosis.report import _worse
+from coaxlink.residual.answer.report import _worse
 from coaxlink.residual.result import ChannelError, Refinement
 
 

@@ -10,9 +10,9 @@ from residual_world import fly
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
+from coaxlink.channels.flight import flight_frame
 from coaxlink.data import Samples
 from coaxlink.effects import axial_inflow, ground_effect, wind
-from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor import load_rotor_model
 
 HIDDEN = {"drag": {"drag": 0.05}, "against": {"drag": 0.05, "wind": (-4.5, 0.4)}}

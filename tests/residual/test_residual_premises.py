@@ -16,7 +16,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import read_flight_log
 from coaxlink.premises import not_judged
 from coaxlink.residual import refine
-from coaxlink.residual.diagnosis.mass_or_thrust import Scales, level_not_mass, weighing
+from coaxlink.residual.answer.mass_or_thrust import Scales, level_not_mass, weighing
 from coaxlink.residual.refine import _whatever_lifts
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Series
 from coaxlink.rotor import load_rotor_model

@@ -7,11 +7,11 @@ import pytest
 from residual_rig import FULL_RPM, run, steady_loads
 
 from coaxlink import files
+from coaxlink.channels.stand import stand_frame
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
+from coaxlink.instruments.stand.repeats import repeated_rows
 from coaxlink.residual import refine_stand
-from coaxlink.residual.channels.stand import stand_frame
-from coaxlink.residual.faults.stand_repeats import repeated_rows
 from coaxlink.rotor import load_rotor_model
 
 CASES = {

@@ -9,8 +9,8 @@ from residual_rig import FULL_RPM, run, steady_loads
 from residual_stand_logs import log_of, model, names, over, ramps
 
 from coaxlink.data.samples import Samples
+from coaxlink.evidence.held_out import folds_of
 from coaxlink.residual import refine_stand
-from coaxlink.residual.held_out import folds_of
 
 
 def test_folds_do_not_repeat_with_a_schedule():

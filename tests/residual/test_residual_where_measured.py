@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coaxlink.channels.stand import stand_frame
 from coaxlink.data import Samples, read_stand_log
 from coaxlink.effects import NotShown, stand_effects
 from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
-from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.rotor import identify
 
 FULL_RPM = 6400.0

@@ -81,10 +81,9 @@ TAKE_BOTH = {
     "coaxlink.vehicle.vehicle.Vehicle.__init__",
     "coaxlink.effects.static.StaticVehicle.__init__",  # a Vehicle that is being made
     "coaxlink.frames.FlightFrame.__init__",
-    "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
-    "coaxlink.residual.channels.flight.flown",  # which stretches are long enough for it
-    "coaxlink.health.coefficients.by_speed",  # logged speeds into commands, no load
-    "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
+    "coaxlink.channels.flight.flight_frame",  # tracing: effects are part of the prediction
+    "coaxlink.channels.flight.flown",  # which stretches are long enough for it
+    "coaxlink.rotor_update.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.health.turning.speed_ratios",  # logged speeds against commands, no load
     "coaxlink.premises.magnets.miscounted",  # the declared vehicle against what a log shows
     "coaxlink.premises.rotation.turned_otherwise",  # how pairs turn, no load

@@ -33,18 +33,18 @@ def identify_from_flights(
     Raises InputError, for a vehicle that can fly no plan after all else is printed and written.
     """
     from coaxlink import files
+    from coaxlink.channels.flight import flown
     from coaxlink.data.samples import PREMISES
     from coaxlink.errors import CheckFailed, InputError
-    from coaxlink.health.coefficients import coefficients_from_flights
-    from coaxlink.health.next_flight import next_flight
-    from coaxlink.health.premises import flown_by, update_hangs_on
+    from coaxlink.instruments.flight.inputs import checked
     from coaxlink.premises import unseen
     from coaxlink.premises.answer import as_json
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
-    from coaxlink.residual.channels.flight import flown
-    from coaxlink.residual.faults.inputs import checked
     from coaxlink.residual.refine import vehicle_differs
     from coaxlink.rotor.model import save_rotor_model
+    from coaxlink.rotor_update.coefficients import coefficients_from_flights
+    from coaxlink.rotor_update.next_flight import next_flight
+    from coaxlink.rotor_update.premises import flown_by, update_hangs_on
     from coaxlink.vehicle import load_vehicle
 
     if airframe is None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
-from coaxlink.residual.diagnosis.parts import Block, beside, waves
+from coaxlink.evidence.blocks import Block, beside, waves
 from coaxlink.residual.members import Part
 
 # what an effect adds to a load, before any data: one standard deviation over the reference load

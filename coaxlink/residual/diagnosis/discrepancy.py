@@ -14,8 +14,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from coaxlink.effects.tracing import Array
+from coaxlink.evidence.blocks import Block, products, waves
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.parts import Block, products, waves
 from coaxlink.residual.members import Member
 
 SHARES = (0.2, 0.03)  # of the effect, one standard deviation; each as likely

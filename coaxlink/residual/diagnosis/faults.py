@@ -2,7 +2,7 @@
 
 A cell that can read no further shows its limit, whatever the load, as an effect that grows with it might:
 a model of the readings in some of the rows. Where it beats everything physics offers, those rows are flagged
-and left out. What no effect could be is found before (`residual.faults`).
+and left out. What no effect could be is found before (`instruments`).
 """
 
 from __future__ import annotations
@@ -14,16 +14,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.channels.stand import COLUMN_OF
+from coaxlink.evidence.blocks import Block
+from coaxlink.evidence.noise import white
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
-from coaxlink.residual.channels.stand import COLUMN_OF
+from coaxlink.instruments.findings import Suspect, rows_text
+from coaxlink.instruments.stand.reference import TOLERANCE
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
-from coaxlink.residual.diagnosis.noise import white
-from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.diagnosis.posterior import CLAIMED
-from coaxlink.residual.faults.reference import TOLERANCE
-from coaxlink.residual.faults.stand_faults import rows_text
-from coaxlink.residual.result import Suspect
 
 Mask = NDArray[np.bool_]
 LIMITS = (0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # quantiles of the readings: where a limit may lie

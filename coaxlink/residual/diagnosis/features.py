@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
+from coaxlink.evidence.blocks import FORM_LENGTHS, in_channel, waves
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.channels import EFFECT_SIZE, LOADS, Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, coloured
-from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, in_channel, waves
 from coaxlink.residual.diagnosis.posterior import RIVAL, Posterior
 from coaxlink.residual.members import composed
 from coaxlink.signals import without_row_noise

@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.channels.flight import reduce_columns
+from coaxlink.channels.flight_corrections import flight_corrections
+from coaxlink.channels.flight_floor import flight_variables, runs_of
 from coaxlink.effects import flight_effects
 from coaxlink.effects.tracing import Tracing
+from coaxlink.evidence.blocks import Block, products, waves
+from coaxlink.evidence.held_out import contiguous_blocks
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.residual.channels.flight import reduce_columns
-from coaxlink.residual.channels.flight_floor import flight_variables, runs_of
 from coaxlink.residual.diagnosis.channels import Channels, possible
 from coaxlink.residual.diagnosis.decide import flown_evidence
 from coaxlink.residual.diagnosis.flight_search import FlightSearch, Flown
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
-from coaxlink.residual.diagnosis.parts import Block, products, waves
 from coaxlink.residual.diagnosis.shown import would_show as smallest
-from coaxlink.residual.held_out import contiguous_blocks
 from coaxlink.residual.members import composed, known_parts
-from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 from coaxlink.residual.result import HIDDEN, WouldShow
 
 RESOLUTION = 2e-4  # of the reference load: 0.002 m/s^2 of an accelerometer, below any of these in the air

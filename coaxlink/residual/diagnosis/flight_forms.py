@@ -14,12 +14,12 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from coaxlink.effects.tracing import Array
+from coaxlink.evidence.blocks import FORM_LENGTHS, Block, in_channel, products, waves
+from coaxlink.evidence.likelihood import JITTER
+from coaxlink.evidence.noise import autocorrelation_time, white
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.evidence import JITTER
 from coaxlink.residual.diagnosis.flight_search import Flown
 from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
-from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
-from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, products, waves
 
 FORM_SIZES = (0.005, 0.02)  # of the reference load, judgement: a row's noise in calm air, a gust's
 LEAST = 0.003  # of the reference load, judgement: what is smaller is no pilot's concern

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from coaxlink.effects.onset import COMES, MARGIN_S
 from coaxlink.effects.tracing import Array, Tracing
+from coaxlink.evidence.likelihood import Base, fitted
+from coaxlink.evidence.noise import autocorrelation_time, tempered, white
 from coaxlink.residual.diagnosis.channels import Channels
-from coaxlink.residual.diagnosis.evidence import Base, fitted
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun
-from coaxlink.residual.diagnosis.noise import autocorrelation_time, tempered, white
 from coaxlink.residual.diagnosis.posterior import Posterior, posterior
 from coaxlink.residual.diagnosis.search import TRIED, Candidate, Search, candidates
 from coaxlink.residual.members import Member

@@ -11,11 +11,11 @@ import numpy as np
 
 from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
+from coaxlink.evidence.blocks import Block, joined
+from coaxlink.evidence.likelihood import Base, Fit, fitted
+from coaxlink.evidence.noise import COLOUR_ROUNDS, Colour, colour_of
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.discrepancy import SHARES, discrepancy
-from coaxlink.residual.diagnosis.evidence import Base, Fit, fitted
-from coaxlink.residual.diagnosis.noise import COLOUR_ROUNDS, Colour, colour_of
-from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.members import Member, composed, member
 
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it (judgement)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.evidence.noise import Colour
 from coaxlink.frames import Array
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis, form_name
-from coaxlink.residual.diagnosis.noise import Colour
 
 CLAIMED = 0.99
 RIVAL = 0.01  # of the mass: less is no rival

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.evidence.noise import COLOUR_ROUNDS, colour_of, white
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.hypotheses import ROTOR, Hypothesis, Scorer, begun
-from coaxlink.residual.diagnosis.noise import COLOUR_ROUNDS, colour_of, white
 from coaxlink.residual.diagnosis.posterior import CLAIMED, posterior
 from coaxlink.residual.members import Member
 

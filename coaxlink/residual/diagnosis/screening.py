@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coaxlink.evidence.likelihood import JITTER
 from coaxlink.frames import Array
-from coaxlink.residual.diagnosis.evidence import JITTER
 from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 
 

@@ -9,14 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.data.samples import Samples
-from coaxlink.effects import stand_effects
-from coaxlink.effects.blade_speed_law import EFFECT as BLADE_SPEED_LAW
-from coaxlink.effects.blade_speed_law import SLOWEST_POWER, growth
-from coaxlink.effects.drive import remembered
-from coaxlink.effects.tracing import Tracing
-from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
-from coaxlink.residual.channels.stand import (
+from coaxlink.channels.stand import (
     ANY,
     Orders,
     base_corrections,
@@ -24,9 +17,16 @@ from coaxlink.residual.channels.stand import (
     stand_frame,
     stand_variables,
 )
+from coaxlink.data.samples import Samples
+from coaxlink.effects import stand_effects
+from coaxlink.effects.blade_speed_law import EFFECT as BLADE_SPEED_LAW
+from coaxlink.effects.blade_speed_law import SLOWEST_POWER, growth
+from coaxlink.effects.drive import remembered
+from coaxlink.effects.tracing import Tracing
+from coaxlink.evidence.blocks import FORM_LENGTHS, Block, in_channel, joined, products, waves
+from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.diagnosis.channels import LOADS, Channels, possible
 from coaxlink.residual.diagnosis.meters import calmed
-from coaxlink.residual.diagnosis.parts import FORM_LENGTHS, Block, in_channel, joined, products, waves
 from coaxlink.residual.members import composed, known_parts
 from coaxlink.residual.result import POWER_OF
 from coaxlink.rotor import RotorModel

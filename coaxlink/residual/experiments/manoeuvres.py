@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from coaxlink.channels.flight import flight_frame, reduce_columns
+from coaxlink.channels.flight_corrections import flight_corrections
 from coaxlink.data.samples import Samples
 from coaxlink.effects import NotShown
 from coaxlink.errors import CoaxlinkError
 from coaxlink.frames import FLIGHT_CHANNELS, GRAVITY_NED, Array, FlightFrame
-from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.experiments.stand_run import Experiment, Rival, View, joined, separated, view
-from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 
 if TYPE_CHECKING:
     from coaxlink.mixer import Law

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.channels.stand import COLUMN_OF, base_corrections, stand_frame
 from coaxlink.data.samples import Samples
 from coaxlink.effects.tracing import Shape, Tracing
+from coaxlink.evidence.held_out import Regression
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
-from coaxlink.residual.channels.stand import COLUMN_OF, base_corrections, stand_frame
-from coaxlink.residual.held_out import Regression
 
 RATE_HZ = 10.0
 ENOUGH = 900.0  # squared distance: thirty standard deviations of white noise

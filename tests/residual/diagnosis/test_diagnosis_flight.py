@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from coaxlink.effects import effect
+from coaxlink.evidence.blocks import Block
+from coaxlink.evidence.noise import autocorrelation_time, white
 from coaxlink.residual.diagnosis import posterior as posteriors
 from coaxlink.residual.diagnosis.channels import Channels
 from coaxlink.residual.diagnosis.decide import (
@@ -25,8 +27,6 @@ from coaxlink.residual.diagnosis.decide import (
 from coaxlink.residual.diagnosis.flight_forms import Left
 from coaxlink.residual.diagnosis.flight_search import left_by_all
 from coaxlink.residual.diagnosis.hypotheses import Scorer, key_of
-from coaxlink.residual.diagnosis.noise import autocorrelation_time, white
-from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.members import Member
 
 ROWS, SIZE = 800, 100.0

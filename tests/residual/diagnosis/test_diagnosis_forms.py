@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from residual_rig import run
 
+from coaxlink.channels.stand import stand_frame
 from coaxlink.data import Samples
 from coaxlink.effects import effect
 from coaxlink.residual import refine_stand
-from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.residual.diagnosis.meters import calmed
 from coaxlink.residual.diagnosis.stand import _forms
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from coaxlink.channels.stand import ANY, stand_frame
 from coaxlink.data import Samples
 from coaxlink.files import example
-from coaxlink.residual.channels.stand import ANY, stand_frame
 from coaxlink.residual.diagnosis.meters import calmed
 from coaxlink.rotor import load_rotor_model
 

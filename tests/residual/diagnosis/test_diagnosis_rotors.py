@@ -10,12 +10,12 @@ from residual_world import fly
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
+from coaxlink.channels.flight import flight_frame
 from coaxlink.data import Samples
 from coaxlink.effects import effect
 from coaxlink.frames import FLIGHT_CHANNELS
 from coaxlink.residual import refine
-from coaxlink.residual.channels.flight import flight_frame
-from coaxlink.residual.diagnosis import judge_flight as answers
+from coaxlink.residual.answer import judge_flight as answers
 from coaxlink.residual.diagnosis.flight import flight_channels
 from coaxlink.residual.diagnosis.rotors import Place, places, undecided
 from coaxlink.residual.experiments.manoeuvres import flight_experiment

@@ -78,9 +78,9 @@ def test_a_log_with_rpm_gets_a_plan_too():
     """No rotor turns in a rest alone, and a plan's exact rpm are no commands."""
     from residual_rig import run as rig
 
+    from coaxlink.channels.stand import stand_frame
     from coaxlink.data import Samples
     from coaxlink.effects import stand_effects
-    from coaxlink.residual.channels.stand import stand_frame
     from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 
     columns = rig(seed=2)

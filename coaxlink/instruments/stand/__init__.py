@@ -1,0 +1,1 @@
+"""Stands: repeats, spikes, then a chain of ways in which cells and tachometers lie."""

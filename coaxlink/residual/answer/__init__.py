@@ -1,0 +1,1 @@
+"""From what was found to what is reported: names with their numbers, errors before and after, doubts."""
