@@ -104,11 +104,15 @@ class Scorer:
         self._slopes: dict[object, Slopes] = {}
 
     def form(self, name: str) -> tuple[Block, Array]:
-        """A free form, and its columns whitened."""
+        """A free form, and its columns whitened; kept."""
         if name not in self._forms:
-            block = self.channels.forms[name]()
-            self._forms[name] = block, self.colour.whiten(block.columns)
+            self._forms[name] = self.made(name)
         return self._forms[name]
+
+    def made(self, name: str) -> tuple[Block, Array]:
+        """The same, not kept: all of them are large."""
+        block = self.channels.forms[name]()
+        return block, self.colour.whiten(block.columns)
 
     @cached_property
     def empty(self) -> Hypothesis:

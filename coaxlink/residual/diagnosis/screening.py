@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -14,22 +14,30 @@ from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 class Stack:
     """Pieces of (whitened columns (rows, C, K), prior deviations (K,)), side by side by channel."""
 
-    def __init__(self, pieces: Sequence[tuple[Array, Array]]) -> None:
-        self.widths = np.array([len(d) for _, d in pieces], int)
-        self.first = np.concatenate([[0], np.cumsum(self.widths)])[:-1]
-        self.deviation = np.concatenate([np.zeros(0), *(d for _, d in pieces)])
-        self.count = pieces[0][0].shape[1] if pieces else 0
-        self.used: list[np.ndarray] = []
-        self.columns: list[Array] = []
+    def __init__(self, pieces: Iterable[tuple[Array, Array]]) -> None:
+        deviations = list[Array]()
+        used: list[list[np.ndarray]] = []
+        columns: list[list[Array]] = []
         self.own: list[list[Array | None]] = []
-        each = [np.asarray(x.any(axis=0)) for x, _ in pieces]  # (C, K)
-        for c in range(self.count):
-            touched = [np.flatnonzero(of[c]) for of in each]
-            parts = [x[:, c, t] for (x, _), t in zip(pieces, touched, strict=True)]
-            offsets = zip(touched, self.first, strict=True)
-            self.used.append(np.concatenate([t + at for t, at in offsets]).astype(np.intp))
-            self.columns.append(np.concatenate(parts, axis=1))
-            self.own.append([_own(x[:, c], t) for (x, _), t in zip(pieces, touched, strict=True)])
+        start = 0
+        for x, deviation in pieces:  # each by itself: all of them, in all channels, are large
+            while len(used) < x.shape[1]:
+                used.append([])
+                columns.append([])
+                self.own.append([])
+            for c, of in enumerate(np.asarray(x.any(axis=0))):
+                touched = np.flatnonzero(of)
+                used[c].append(start + touched)
+                columns[c].append(x[:, c, touched])
+                self.own[c].append(x[:, c].T @ x[:, c] if len(touched) else None)
+            deviations.append(deviation)
+            start += len(deviation)
+        self.count = len(used)
+        self.widths = np.array([len(d) for d in deviations], int)
+        self.first = np.concatenate([[0], np.cumsum(self.widths)])[:-1]
+        self.deviation = np.concatenate([np.zeros(0), *deviations])
+        self.used = [np.concatenate(of).astype(np.intp) for of in used]
+        self.columns = [np.concatenate(of, axis=1) for of in columns]
 
     def gains(self, h: Hypothesis, left: Array) -> list[float]:
         """(pieces,) log evidence each would add; `left` (rows, C) is what the hypothesis leaves, whitened.
@@ -68,10 +76,3 @@ class Stack:
             each = np.arange(width)
             out[mine] = 0.5 * np.sum(z**2, axis=1) - np.sum(np.log(low[:, each, each]), axis=1)
         return [float(g) for g in out]
-
-
-def _own(columns: Array, touched: np.ndarray) -> Array | None:
-    """(K, K) products of a piece's columns in one channel; None where it has none."""
-    if not len(touched):
-        return None
-    return np.asarray(columns.T @ columns)

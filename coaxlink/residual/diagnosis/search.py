@@ -67,9 +67,9 @@ class Search:
         self.progress = progress
         self.visited = Visited()
         self.candidates = candidates(scorer)
-        self.grid = Stack([(c.white, c.deviation) for c in self.candidates])
+        self.grid = Stack((c.white, c.deviation) for c in self.candidates)
         self.forms = tuple(self.channels.forms)
-        self.free = Stack([(w, b.deviation) for b, w in map(scorer.form, self.forms)])
+        self.free = Stack((w, b.deviation) for b, w in map(scorer.made, self.forms))
 
     def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
         """From nothing, and from given members, until nothing better comes."""

@@ -6,11 +6,12 @@ of an effect's size, and another effect takes away the part that its own columns
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from coaxlink.effects.parameter import Linear
 from coaxlink.frames import Array
@@ -38,9 +39,10 @@ def would_show(search: Search, log_evidence: float, *, limited: bool = False) ->
     corrections go no further than two deviations, and what they cannot take shows.
     """
     best, ch = search.visited.best, search.channels
+    every = None if limited else _Together.of(search)
     sizes: dict[str, list[tuple[float, float, int, Candidate]]] = {}
     for c, (_, _, columns) in zip(search.candidates, ch.grid, strict=True):
-        information, _ = search.beside(best, c)
+        information = every.of_some(c) if every else search.beside(best, c)[0]
         size = float(np.sqrt(2.0 * log_evidence * _spread(information)))
         if limited:
             mine = c.white[..., 0] / best.fit.noise**2
@@ -52,34 +54,49 @@ def would_show(search: Search, log_evidence: float, *, limited: bool = False) ->
         k = int(np.argmax(share))
         sizes.setdefault(c.effect.name, []).append((float(share[k]) * size, size, k, c))
     middle = {n: sorted(mine, key=lambda s: s[0])[len(mine) // 2] for n, mine in sizes.items()}
-    alike = {} if limited else _alike(search, [c for *_, c in middle.values()], log_evidence)
+    alike = every.alike([c for *_, c in middle.values()], log_evidence) if every else {}
     return {
         name: Shown(share, ch.names[k], _of_size(search, c, size), alike.get(name, ()))
         for name, (share, size, k, c) in middle.items()
     }
 
 
-def _alike(search: Search, several: Sequence[Candidate], log_evidence: float) -> dict[str, tuple[str, ...]]:
-    """Of each, the effects that in one of their shapes take all but a rival's odds of its nats."""
-    every = search.candidates
-    white = np.concatenate([c.white for c in every], axis=-1)
-    deviation = np.concatenate([c.deviation for c in every])
-    together = Candidate(every[0].effect, every[0].shape, white, deviation)
-    information, _ = search.beside(search.visited.best, together)
-    ends = np.cumsum([0, *(len(c.deviation) for c in every)])
-    at = {id(c): np.arange(a, b) for c, (a, b) in zip(every, pairwise(ends), strict=True)}
-    out: dict[str, tuple[str, ...]] = {}
-    for c in several:
-        mine = at[id(c)]
-        alone = _spread(information[np.ix_(mine, mine)])
-        left: dict[str, float] = {}
-        for other in (o for o in every if o.effect.name != c.effect.name):
-            both = np.concatenate([mine, at[id(other)]])
-            determined = log_evidence * alone / _spread(information[np.ix_(both, both)])
-            left[other.effect.name] = min(determined, left.get(other.effect.name, np.inf))
-        likest = sorted(left, key=lambda name: left[name])
-        out[c.effect.name] = tuple(name for name in likest if left[name] < -np.log(RIVAL))
-    return out
+@dataclass(frozen=True)
+class _Together:
+    """All candidates side by side beside the best set, each free to take from the others."""
+
+    candidates: Sequence[Candidate]
+    information: Array  # (K, K) of all coefficients
+    places: Mapping[int, Array]  # of each, by identity
+
+    @classmethod
+    def of(cls, search: Search) -> _Together:
+        """Of a search."""
+        every = search.candidates
+        white = np.concatenate([c.white for c in every], axis=-1)
+        deviation = np.concatenate([c.deviation for c in every])
+        one = Candidate(every[0].effect, every[0].shape, white, deviation)
+        ends = np.cumsum([0, *(len(c.deviation) for c in every)])
+        places = {id(c): np.arange(a, b) for c, (a, b) in zip(every, pairwise(ends), strict=True)}
+        return cls(every, search.beside(search.visited.best, one)[0], places)
+
+    def of_some(self, *some: Candidate) -> Array:
+        """(K, K) of some of them, the others left out."""
+        at = np.concatenate([self.places[id(c)] for c in some])
+        return self.information[np.ix_(at, at)]
+
+    def alike(self, several: Sequence[Candidate], log_evidence: float) -> dict[str, tuple[str, ...]]:
+        """Of each, the effects that in one of their shapes take all but a rival's odds of its nats."""
+        out: dict[str, tuple[str, ...]] = {}
+        for c in several:
+            alone = _spread(self.of_some(c))
+            left: dict[str, float] = {}
+            for other in (o for o in self.candidates if o.effect.name != c.effect.name):
+                determined = log_evidence * alone / _spread(self.of_some(c, other))
+                left[other.effect.name] = min(determined, left.get(other.effect.name, np.inf))
+            likest = sorted(left, key=lambda name: left[name])
+            out[c.effect.name] = tuple(name for name in likest if left[name] < -np.log(RIVAL))
+        return out
 
 
 def _least(c: Candidate) -> float:
@@ -90,7 +107,12 @@ def _least(c: Candidate) -> float:
 
 def _spread(information: Array) -> float:
     """Variance of the first of coefficients."""
-    return max(float(np.linalg.pinv(information, hermitian=True)[0, 0]), 1e-300)
+    rest = information[1:, 1:]
+    factor, info = dpotrf(rest, lower=1) if rest.size else (rest, 0)
+    if info:  # some of them are others' sums, but for rounding
+        return max(float(np.linalg.pinv(information, hermitian=True)[0, 0]), 1e-300)
+    taken = dtrtrs(factor, information[1:, :1], lower=1)[0] if rest.size else rest
+    return 1.0 / max(float(information[0, 0] - np.sum(taken**2)), 1e-300)
 
 
 def _of_size(search: Search, c: Candidate, size: float) -> Member:
