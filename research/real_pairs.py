@@ -37,6 +37,7 @@ GRAVITY, G_TO_N, RAD_S = 9.80665, 9.80665e-3, math.pi / 30.0
 SIDES = ("Left", "Right")  # upper, lower
 POINT = 0.01
 HOVER = 0.45  # of the most thrust at equal commands
+WANDER_S, SMALL_S = 60.0, 30.0  # of the flights that refine and health see
 STEMS = ("mn4014_16in", "propdrive_11in", "u5_16in")
 INCHES = {"mn4014_16in": 16.2, "propdrive_11in": 11.0, "u5_16in": 16.2, "made": 16.2}
 Array = NDArray[np.float64]
@@ -215,8 +216,8 @@ def coaxlink(*words: Any) -> str:
     return out
 
 
-def walk(path: Path, folder: Path, *, fly: bool) -> Row:
-    """The README's way with one map."""
+def walk(path: Path, folder: Path, *, wander_s: float) -> Row:
+    """The README's way with one map; `wander_s` 0 flies nothing."""
     row = Row(path.stem)
     row.weight_N, watts, savings = truth(path)
     row.map_W = (float(np.median(watts["shaft"])), float(np.median(watts["battery"])))
@@ -242,8 +243,8 @@ def walk(path: Path, folder: Path, *, fly: bool) -> Row:
     row.yaw_Nm = {name: t["limits"][2]["moment_Nm"] for name, t in tables.items()}
     for firmware in ("px4", "ardupilot"):
         coaxlink("table", frame, "--firmware", firmware, "--law", "fitted", "--out", folder / firmware)
-    if fly:
-        fly_all(row, path, frame, rotor, folder)
+    if wander_s:
+        fly_all(row, path, frame, rotor, folder, wander_s)
     return row
 
 
@@ -262,7 +263,7 @@ def vehicle_file(path: Path, rotor: Path, frame: Path, weight_N: float = math.na
     return frame
 
 
-def fly_all(row: Row, path: Path, frame: Path, rotor: Path, folder: Path) -> None:
+def fly_all(row: Row, path: Path, frame: Path, rotor: Path, folder: Path, wander_s: float) -> None:
     """A hover in the raw map's world under each law, then a wandering flight through refine and health."""
     from coaxlink.mixer.exact.native import NativeExact
     from coaxlink.tables.px4 import report_px4
@@ -283,7 +284,7 @@ def fly_all(row: Row, path: Path, frame: Path, rotor: Path, folder: Path) -> Non
         if hover.failsafe:
             row.problems.append(f"{law}: {hover.failsafe} in hover")
         watts[law] = (hover.shaft_W, hover.pack_W)
-        flown, columns = fly_quick(design, FlightWorld(plan="wander", seconds=60.0, seed=3), 4)
+        flown, columns = fly_quick(design, FlightWorld(plan="wander", seconds=wander_s, seed=3), 4)
         if flown.failsafe:
             row.problems.append(f"{law}: {flown.failsafe} in flight")
             continue
@@ -292,7 +293,7 @@ def fly_all(row: Row, path: Path, frame: Path, rotor: Path, folder: Path) -> Non
         row.verdicts[law] = " / ".join(verdicts(log, frame, rotor, folder))
     worn = HiddenEffect("degraded_rotor", 0.1, 0.0, {"rotor": 1.0})
     design = make_design(read_vehicle(frame), pair, mixers["fitted"])
-    _, columns = fly_quick(design, FlightWorld((worn,), plan="wander", seconds=60.0, seed=3), 4)
+    _, columns = fly_quick(design, FlightWorld((worn,), plan="wander", seconds=wander_s, seed=3), 4)
     log = folder / "weak.csv"
     write_flight(log, columns)
     row.weak = next(verdicts(log, frame, rotor, folder))
@@ -461,7 +462,8 @@ def main() -> int:
         for path in paths:
             folder = Path(scratch) / path.stem
             folder.mkdir()
-            rows.append(walk(path, folder, fly=not o.no_flight))
+            wander_s = 0.0 if o.no_flight else SMALL_S if o.small else WANDER_S
+            rows.append(walk(path, folder, wander_s=wander_s))
             show(rows[-1:])
     print()
     show(rows)

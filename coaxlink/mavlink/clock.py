@@ -36,6 +36,7 @@ class SystemClock:
 
 
 SYSTEM = SystemClock()
+NEVER = threading.Event()
 
 
 class VirtualClock:
@@ -57,7 +58,7 @@ class VirtualClock:
         heapq.heappush(self._later, (self.now + seconds, next(self._order), what))
 
     def sleep(self, seconds: float) -> None:
-        self.wait(threading.Event(), seconds)
+        self.wait(NEVER, seconds)
 
     def wait(self, event: threading.Event, seconds: float) -> bool:
         end = self.now + max(seconds, 0.0)

@@ -89,8 +89,8 @@ class Sensors:
 
     def take_shaking(self) -> None:
         """How strongly rotors shake the accelerometer, as the plant's truth has it now."""
-        sensing_of = self._plant.sensing
-        self.memory[[sensing.S_SHAKE, sensing.S_BLADES]] = sensing_of.vibration_m_s2, sensing_of.blades
+        memory, truth = self.memory, self._plant.sensing
+        memory[sensing.S_SHAKE], memory[sensing.S_BLADES] = truth.vibration_m_s2, truth.blades
 
     def rows(self, count: int) -> NDArray[np.float64]:
         """(count, 17 + N) the next noise, as `read` would draw it."""

@@ -272,8 +272,9 @@ class Autopilot(Navigator):
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
             command = np.append(motors, 0.0)[self._wiring()]
-        # a PWM output has a thousand steps
-        return np.asarray(np.round(np.nan_to_num(command), 3), np.float64)
+        if not np.isfinite(command).all():
+            command = np.nan_to_num(command)
+        return np.asarray(command.round(3), np.float64)  # a PWM output has a thousand steps
 
     def _tested(self) -> NDArray[np.float64]:
         """(N,) what a motor test turns."""

@@ -39,26 +39,31 @@ def blocks(page: str) -> list[Block]:
 class Reader:
     """Somebody who types every block into terminals in one folder; `said` keeps what came back by line."""
 
-    def __init__(self, folder: Path, capture: pytest.CaptureFixture[str], stack: ExitStack) -> None:
-        self.folder, self.capture, self.stack = folder, capture, stack
+    def __init__(self, folder: Path, capture: pytest.CaptureFixture[str], vehicle: ExitStack) -> None:
+        self.folder, self.capture, self.vehicle = folder, capture, vehicle
         self.address = self.world = ""
         self.reported: dict[str, tuple[str, str]] = {}
 
-    def start(self, *arguments: str) -> None:
+    def start(self, *arguments: str, speed: int = 1) -> None:
         """A vehicle on the line, instead of the last one; in flight it waits for a busy machine."""
-        port = self.stack.enter_context(standin("--lockstep", "--speed", "4", *arguments))
+        self.vehicle.close()
+        port = self.vehicle.enter_context(standin("--lockstep", "--speed", str(speed), *arguments))
         self.address = f"udpout:127.0.0.1:{port}"
 
     def follow(self, page: str) -> None:
-        """Type a page from top to bottom."""
-        for block in blocks(page):
-            self._type(block)
+        """Type a page from top to bottom; a vehicle that flew ends after the last verb that needs it."""
+        lines = [block.lines for block in blocks(page)]
+        flies = any(line.startswith("coaxlink fly") for block in lines for line in block)
+        for number, block in enumerate(blocks(page)):
+            if flies and not any("--connect" in line for later in lines[number:] for line in later):
+                self.vehicle.close()
+            self._type(block, 4 if flies else 1)
 
-    def _type(self, block: Block) -> None:
+    def _type(self, block: Block, speed: int) -> None:
         mark = block.mark
         if mark.startswith("second terminal"):
             (line,) = block.lines
-            self.start(*shlex.split(line)[2:])
+            self.start(*shlex.split(line)[2:], speed=speed)
         elif mark.startswith("third terminal"):
             (line,) = block.lines
             self.verb(f"{line} --once --seconds 2", 0)

@@ -67,8 +67,8 @@ def reader(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
     monkeypatch.setattr(commands, "SILENCE_S", PATIENCE_S)
     monkeypatch.setattr(flight, "SILENCE_S", PATIENCE_S)
-    with ExitStack() as stack:
-        yield Reader(tmp_path, capsys, stack)
+    with ExitStack() as vehicle:
+        yield Reader(tmp_path, capsys, vehicle)
 
 
 @pytest.mark.slow
@@ -81,6 +81,7 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     figures_are_those_of_the_run((DOCS / "tutorial.md").read_text(), reported)
     assert "lower rotors carried" in (tmp_path / "both.html").read_text()
 
+    reader.start("--firmware", "px4", "--airframe", "x8_demo.toml")
     for page in ("stand.md", "airframe.md", "howto/px4.md", "howto/failed_upload.md",
                  "howto/px4_module.md"):  # fmt: skip
         reader.follow(page)

@@ -129,23 +129,24 @@ def test_any_error_code_is_one_line(board):
             refused(lambda: files.listing("a\nb"), "")
 
 
-LISTS = {
-    "a bomb": lzma.compress(bytes(50_000_000)),
-    "5000 deep": lzma.compress(b"[" * 5000),
-    "5000 digits": lzma.compress(b'{"parameters":[{"name":"A","min":1' + b"0" * 5000 + b"}]}"),
-    "no list": lzma.compress(b'{"parameters":5}'),
-    "no rows": lzma.compress(b'{"parameters":[5]}'),
-    "no numbers": lzma.compress(b'{"parameters":[{"name":"A","min":[]}]}'),
-    "cut": lzma.compress(b'{"parameters":[]}')[:30],
-    "noise": bytes(range(256)),
-    "a dictionary of 4 GB": lzma.compress(b"x", lzma.FORMAT_RAW, filters=[{"id": lzma.FILTER_LZMA2}]),
-}
+def lists():
+    return {
+        "a bomb": lzma.compress(bytes(50_000_000)),
+        "5000 deep": lzma.compress(b"[" * 5000),
+        "5000 digits": lzma.compress(b'{"parameters":[{"name":"A","min":1' + b"0" * 5000 + b"}]}"),
+        "no list": lzma.compress(b'{"parameters":5}'),
+        "no rows": lzma.compress(b'{"parameters":[5]}'),
+        "no numbers": lzma.compress(b'{"parameters":[{"name":"A","min":[]}]}'),
+        "cut": lzma.compress(b'{"parameters":[]}')[:30],
+        "noise": bytes(range(256)),
+        "a dictionary of 4 GB": lzma.compress(b"x", lzma.FORMAT_RAW, filters=[{"id": lzma.FILTER_LZMA2}]),
+    }
 
 
 def test_a_list_of_limits_that_means_harm_is_none(board):
     with meet(board) as session:
         identity = session.identity.__class__(**{**vars(session.identity), "capabilities": 32})
-        for what, held in LISTS.items():
+        for what, held in lists().items():
 
             def serve(code, offset, data, held=held):
                 if code == READ:

@@ -46,6 +46,16 @@ def test_the_c_function_is_the_law():
         assert np.array_equal(flown, _run(law, rotors, demands))  # whatever was flown before
 
 
+@pytest.mark.slow
+def test_the_next_process_loads_the_c_function_and_compiles_nothing():
+    code = (
+        "from coaxlink.mixer.exact import compiled, native\n"
+        "print(native._function().cache_hits, len(compiled.function().signatures))"
+    )
+    found = [subprocess.check_output([sys.executable, "-c", code], text=True).split() for _ in range(2)]
+    assert found[1] == ["1", "0"]
+
+
 def test_what_is_compiled_is_kept_by_every_source_of_the_law(tmp_path):
     copy = shutil.copytree(Path(compiled.__file__).parent, tmp_path / "exact")
     assert compiled.source_digest(copy) == compiled.source_digest()

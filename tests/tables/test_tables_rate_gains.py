@@ -4,17 +4,16 @@ import json
 
 import numpy as np
 import pytest
+from memory_net import Net, Standin, meet, plugged
 
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import main
 from coaxlink.files import example
-from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.behaviour import Behaviour
 from coaxlink.tables.rate_gains import axis_gains, gains_line, preserved_gains, wanted_gains
 from firmware_params import px4
-from sim.testing import standin
 
 X8 = example("x8_paper.toml")
 NAMES = ("MC_ROLLRATE_K", "MC_PITCHRATE_K", "MC_YAWRATE_K")
@@ -83,20 +82,21 @@ def test_loops_stay_as_they_were_on_board_and_restore_brings_the_old_gains_back(
             main([str(a) for a in arguments])
         assert ended.value.code == 0, arguments
 
-    def board(url):
-        with connect(url) as session:
+    def values(board):
+        with meet(board) as session:
             return {n: v.value for n, v in Parameters(session).read_all().values.items()}
 
-    with standin("--firmware", "px4") as port:
-        url = f"udpout:127.0.0.1:{port}"
-        before = board(url)
+    with plugged(Net()) as net:
+        board = Standin(net)
+        url = board.url
+        before = values(board)
         made = ("--keep-gains", "--out", "t", "--json", "t.json")
         run("table", X8, "--firmware", "px4", "--connect", url, *made)
         run("upload", "t", "--connect", url, "--yes", "--json", "u.json")
-        after = board(url)
+        after = values(board)
         run("verify", "t", "--connect", url)
         run("restore", json.loads((tmp_path / "u.json").read_text())["backup"], "--connect", url, "--yes")
-        restored = board(url)
+        restored = values(board)
     for axis, name in enumerate(NAMES):
         loop = [moment_per_unit(held, axis) * held[name] for held in (before, after)]
         assert loop[1] == pytest.approx(loop[0], rel=2e-3)

@@ -98,15 +98,87 @@ def _own(edge: Edge, law: ExactLaw, units: NDArray[np.float64]) -> Own:
     )
 
 
+# what `law` calls, loaded by `_function`: of this module, for numba keys code on disk by a closure's pickled
+# contents, which differ in every process
+carray: Any = None
+to_fixed_tuple: Any = None
+optimum: Any = None
+f: Any = None  # arrays of float64 at an address
+i: Any = None  # of int64
+
+
+def law(book_at, demand_at, command_at):
+    """The law as the module says, for numba alone: its names are there once `_function` has loaded them."""
+    book, demand = carray(book_at, ARMS + STATE + OWN), carray(demand_at, 4)
+    a = Arms(*to_fixed_tuple(book[:ARMS], ARMS))  # of addresses, as are the next two
+    t = State(*to_fixed_tuple(book[ARMS : ARMS + STATE], STATE))
+    o = Own(*to_fixed_tuple(book[ARMS + STATE :], OWN))
+    arms, m, n = a.size, a.surfaces, 2 * a.size
+    p = Arms(
+        size=arms, surfaces=m, order_u=a.order_u, order_s=a.order_s, power_u=a.power_u,
+        power_s=a.power_s, surface=carray(f(a.surface), (arms, m, o.surface_terms)),
+        power=carray(f(a.power), (arms, o.power_terms)), gain=carray(f(a.gain), (arms, m, 4)),
+        lo=carray(f(a.lo), n), hi=carray(f(a.hi), n), cap=carray(f(a.cap), 4),
+        squares=carray(f(a.squares), (n, 4)), line=carray(f(a.line), (arms, 4)),
+        home=carray(f(a.home), n), within=carray(f(a.within), 1),
+    )  # fmt: skip
+    s = State(
+        mu=carray(f(t.mu), 4), x=carray(f(t.x), n), act=carray(i(t.act), n), price=carray(f(t.price), 4),
+        gone=carray(i(t.gone), 4), miss=carray(f(t.miss), 4), power=carray(f(t.power), 1),
+        slope=carray(f(t.slope), n), jacobian=carray(f(t.jacobian), (n, 4)),
+        hessian=carray(f(t.hessian), (arms, 3)), own=carray(f(t.own), n),
+        reply=carray(f(t.reply), (n, 4)), step=carray(f(t.step), n), schur=carray(f(t.schur), (4, 4)),
+        factor=carray(f(t.factor), (4, 4)), right=carray(f(t.right), 4), dual=carray(f(t.dual), 4),
+        before=carray(f(t.before), 4), low=carray(f(t.low), n), high=carray(f(t.high), n),
+        kept=carray(f(t.kept), n), old_mu=carray(f(t.old_mu), (3, 4)),
+        old_price=carray(f(t.old_price), (3, 4)), old_gone=carray(i(t.old_gone), (3, 4)),
+        old_x=carray(f(t.old_x), (3, n)), old_act=carray(i(t.old_act), (3, n)),
+        smooth=carray(f(t.smooth), 1), best=carray(f(t.best), n), looked=carray(f(t.looked), 9),
+        looks=carray(f(t.looks), 1),
+    )  # fmt: skip
+    units, demands, slots = carray(f(o.units), 4), carray(i(o.demands), 4), carray(i(o.slots), o.rotors)
+    nominal, straight = carray(f(o.nominal), POWERS), carray(f(o.command), (2, POWERS))
+    per_torque, least = carray(f(o.per_torque), (2, 2)), carray(f(o.least), 2)
+    torque = carray(f(o.torque), (2, o.torque_rows, o.torque_columns))
+    command = carray(command_at, o.rotors)
+    for j in range(4):
+        s.mu[j] = min(max(demand[demands[j]] * units[j], -FAR), FAR)
+    optimum(p, s, np.int64(STEPS))  # of a literal there would be another to compile
+    for r in range(o.rotors):
+        k, side = slots[r] // 2, slots[r] % 2
+        u, line = s.x[2 * k], p.line[k]
+        low = line[0] + line[1] * u
+        v = low + (line[2] + line[3] * u - low) * s.x[2 * k + 1]
+        if o.driven == 0:
+            command[r] = min(max(v if side else u, 0.0), 1.0)
+            continue
+        nu = nv = 0.0
+        for j in range(POWERS - 1, -1, -1):
+            nu, nv = nu * u + nominal[j], nv * v + nominal[j]
+        nu, nv = max(nu, 0.0), max(nv, 0.0)
+        mine = nv if side else nu
+        held, c, q = max(mine, least[side]), 0.0, 0.0
+        for j in range(POWERS - 1, -1, -1):
+            c = c * held + straight[side, j]
+        for row in range(o.torque_rows - 1, -1, -1):
+            inner = 0.0
+            for column in range(o.torque_columns - 1, -1, -1):
+                inner = inner * nv + torque[side, row, column]
+            q = q * nu + inner
+        c += (per_torque[side, 0] + per_torque[side, 1] * mine) * q
+        if mine < least[side]:
+            c *= mine / least[side]
+        command[r] = min(max(c, 0.0), 1.0)
+
+
 @cache
 def _function() -> Any:
     """Compiled, and kept on disk where only we can write."""
+    global carray, to_fixed_tuple, optimum, f, i
     import numba
-    from numba import carray, types
+    from numba import types
     from numba.extending import intrinsic
-    from numba.np.unsafe.ndarray import to_fixed_tuple
-
-    optimum = function()
+    from numba.np.unsafe import ndarray
 
     def pointer_to(kind):
         @intrinsic
@@ -118,70 +190,8 @@ def _function() -> Any:
 
         return pointer
 
+    carray, to_fixed_tuple, optimum = numba.carray, ndarray.to_fixed_tuple, function()
     f, i = pointer_to(types.float64), pointer_to(types.int64)
-
-    def law(book_at, demand_at, command_at):
-        book, demand = carray(book_at, ARMS + STATE + OWN), carray(demand_at, 4)
-        a = Arms(*to_fixed_tuple(book[:ARMS], ARMS))  # of addresses, as are the next two
-        t = State(*to_fixed_tuple(book[ARMS : ARMS + STATE], STATE))
-        o = Own(*to_fixed_tuple(book[ARMS + STATE :], OWN))
-        arms, m, n = a.size, a.surfaces, 2 * a.size
-        p = Arms(
-            size=arms, surfaces=m, order_u=a.order_u, order_s=a.order_s, power_u=a.power_u,
-            power_s=a.power_s, surface=carray(f(a.surface), (arms, m, o.surface_terms)),
-            power=carray(f(a.power), (arms, o.power_terms)), gain=carray(f(a.gain), (arms, m, 4)),
-            lo=carray(f(a.lo), n), hi=carray(f(a.hi), n), cap=carray(f(a.cap), 4),
-            squares=carray(f(a.squares), (n, 4)), line=carray(f(a.line), (arms, 4)),
-            home=carray(f(a.home), n), within=carray(f(a.within), 1),
-        )  # fmt: skip
-        s = State(
-            mu=carray(f(t.mu), 4), x=carray(f(t.x), n), act=carray(i(t.act), n), price=carray(f(t.price), 4),
-            gone=carray(i(t.gone), 4), miss=carray(f(t.miss), 4), power=carray(f(t.power), 1),
-            slope=carray(f(t.slope), n), jacobian=carray(f(t.jacobian), (n, 4)),
-            hessian=carray(f(t.hessian), (arms, 3)), own=carray(f(t.own), n),
-            reply=carray(f(t.reply), (n, 4)), step=carray(f(t.step), n), schur=carray(f(t.schur), (4, 4)),
-            factor=carray(f(t.factor), (4, 4)), right=carray(f(t.right), 4), dual=carray(f(t.dual), 4),
-            before=carray(f(t.before), 4), low=carray(f(t.low), n), high=carray(f(t.high), n),
-            kept=carray(f(t.kept), n), old_mu=carray(f(t.old_mu), (3, 4)),
-            old_price=carray(f(t.old_price), (3, 4)), old_gone=carray(i(t.old_gone), (3, 4)),
-            old_x=carray(f(t.old_x), (3, n)), old_act=carray(i(t.old_act), (3, n)),
-            smooth=carray(f(t.smooth), 1), best=carray(f(t.best), n), looked=carray(f(t.looked), 9),
-            looks=carray(f(t.looks), 1),
-        )  # fmt: skip
-        units, demands, slots = carray(f(o.units), 4), carray(i(o.demands), 4), carray(i(o.slots), o.rotors)
-        nominal, straight = carray(f(o.nominal), POWERS), carray(f(o.command), (2, POWERS))
-        per_torque, least = carray(f(o.per_torque), (2, 2)), carray(f(o.least), 2)
-        torque = carray(f(o.torque), (2, o.torque_rows, o.torque_columns))
-        command = carray(command_at, o.rotors)
-        for j in range(4):
-            s.mu[j] = min(max(demand[demands[j]] * units[j], -FAR), FAR)
-        optimum(p, s, STEPS)
-        for r in range(o.rotors):
-            k, side = slots[r] // 2, slots[r] % 2
-            u, line = s.x[2 * k], p.line[k]
-            low = line[0] + line[1] * u
-            v = low + (line[2] + line[3] * u - low) * s.x[2 * k + 1]
-            if o.driven == 0:
-                command[r] = min(max(v if side else u, 0.0), 1.0)
-                continue
-            nu = nv = 0.0
-            for j in range(POWERS - 1, -1, -1):
-                nu, nv = nu * u + nominal[j], nv * v + nominal[j]
-            nu, nv = max(nu, 0.0), max(nv, 0.0)
-            mine = nv if side else nu
-            held, c, q = max(mine, least[side]), 0.0, 0.0
-            for j in range(POWERS - 1, -1, -1):
-                c = c * held + straight[side, j]
-            for row in range(o.torque_rows - 1, -1, -1):
-                inner = 0.0
-                for column in range(o.torque_columns - 1, -1, -1):
-                    inner = inner * nv + torque[side, row, column]
-                q = q * nu + inner
-            c += (per_torque[side, 0] + per_torque[side, 1] * mine) * q
-            if mine < least[side]:
-                c *= mine / least[side]
-            command[r] = min(max(c, 0.0), 1.0)
-
     signature = types.void(types.CPointer(types.int64), *[types.CPointer(types.float64)] * 2)
     with kept_code() as keep:
         return numba.cfunc(signature, cache=keep)(law)
