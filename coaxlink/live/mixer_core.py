@@ -149,7 +149,7 @@ class MixCore:
         self.law = live_law(law, vehicle) if isinstance(law, str) else law
         self.rotors = PlainRotors.of(vehicle)
         self.edge = Edge.of(vehicle)
-        self.board_turns = False  # whether the board makes commands of nominal speeds itself: its module does
+        self.board_turns = False  # whether the board makes commands of true speeds itself: its module does
         self._reduced_law = make_law("reduced", vehicle)
         weight, arm = GRAVITY_M_S2 * airframe.mass_kg, weight_arm(airframe)
         self._per_axis = (1.0 / weight, 1.0 / arm, 1.0 / arm, 0.1 / arm)
@@ -219,8 +219,10 @@ class MixCore:
         if self._short(wanted, speeds):
             speeds = self._reduced(wanted)
             self.counters.reduced_flown += 1
-        nominal = [u / factor for u in self.edge.nominals(speeds)]
-        commanded = nominal if self.board_turns else self.edge.commands(nominal)
+        if self.board_turns:
+            commanded = [u / factor for u in speeds]
+        else:
+            commanded = self.edge.commands([u / factor for u in self.edge.nominals(speeds)])
         commands = [min(max(c, 0.0), 1.0) if math.isfinite(c) else c for c in commanded]
         if not all(0.0 <= u <= 1.0 + 1e-9 for u in (*speeds, *commands)):  # also for NaN
             self.counters.refused_outputs += 1

@@ -15,7 +15,7 @@ from coaxlink.live.effects import LiveEffects
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.rotor.model import EffectEntry
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Conditions, Vehicle
 
 DEMAND = [0.02, -0.03, 0.04, 0.32, 0, 0, 0, 0]
 
@@ -224,3 +224,14 @@ def test_nonsense_in_telemetry_is_not_used() -> None:
     assert np.isfinite(settled(core)).all()
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, -1e30))
     assert all(0.0 <= u <= 1.0 for u in settled(core))
+
+
+def test_what_the_module_makes_of_speeds_is_made_once() -> None:
+    battery = EffectEntry("battery_voltage", {"speed_exponent": 0.4, "reference_voltage_V": 33.6})
+    sagged = Vehicle(X8, dataclasses.replace(CRM, effects=(battery,)), Conditions(voltage_V=29.6))
+    direct, through = MixCore(sagged, "exact"), MixCore(sagged, "exact")
+    through.board_turns = True
+    asked, commands = settled(through), settled(direct)
+    assert asked * (33.6 / 29.6) ** 0.4 == pytest.approx(
+        commands, rel=1e-6
+    )  # by the module, before its drive
