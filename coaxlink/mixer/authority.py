@@ -12,7 +12,7 @@ from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.vehicle import Vehicle
 from firmware_params.errors import TableError
 
-# of full speed: flights are judged between 0.1 and 0.98 (`health.coefficients`); 0.05 are left for gusts
+# of full speed: flights are judged between 0.1 and 0.98 (`rotor_update`); 0.05 are left for gusts
 LOW, HIGH = 0.15, 0.93
 # of that yaw: PX4's yaw loop overshoots a doublet's torque by up to 1.4 (stand-in, X8 in gusts), and a model
 # before any flight has torques 15 % too large; 1.4 x 1.15 x 0.5 leaves a fifth for roll and pitch

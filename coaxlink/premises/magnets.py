@@ -24,7 +24,7 @@ from coaxlink.rotor.model import RotorModel
 POLES = ("SERVO_BLH_POLES", "SERVO_FTW_POLES", "MOT_POLE_COUNT")  # ArduPilot's two, PX4's
 USUAL = 14  # what every firmware begins with
 MAGNETS = range(4, 58, 2)  # of motors that carry propellers
-DRIVE, THRUST = 0.10, 0.15  # sd of full speed and of a model's thrust, as `health.coefficients` has them
+DRIVE, THRUST = 0.10, 0.15  # sd of full speed and of a model's thrust, as `rotor_update` has them
 CHI2_95 = 5.99  # two degrees of freedom
 MISCOUNTED = 0.1  # prior odds that the number was left at its default; judgement
 FLIES = 0.4  # of the weight: less is on the ground
