@@ -224,6 +224,10 @@ class RotorModel(Shown):
         supply = self.drive.supply(voltage_V)
         return upper / supply, lower / supply
 
+    def by_speed(self) -> RotorModel:
+        """The model for commands that are speeds already."""
+        return replace(self, drive=None)
+
     @cached_property
     def _speeds(self) -> SpeedTable:
         assert self.drive is not None

@@ -18,13 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.airframe import Airframe
 from coaxlink.channels.flight import JUDGED_RATE_HZ, flight_frame
-from coaxlink.channels.logged_speeds import LEAST_ROWS, by_logged_speeds, has_speed, has_speeds
+from coaxlink.channels.logged_speeds import FEW_SPEEDS, LEAST_ROWS, SLOW_S, has_speed, has_speeds
 from coaxlink.constants import FULL, NORMAL_95, TURNING
 from coaxlink.data import Samples
+from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.evidence.blocks import Block, joined
 from coaxlink.frames import Array, FlightFrame
@@ -36,12 +38,15 @@ from coaxlink.residual.diagnosis.flight_search import SETTLES
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 from coaxlink.rotor_update.regressors import regressors
+from coaxlink.signals import lagged
 
 DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed was measured: sag and set-up
 # sd of a load as a whole, and of each of its coefficients beside that, where the rotor file has neither
 # intervals nor a covariance: twice what a data sheet's prior says of its lower rotor (docs/no_stand.md)
 NO_PRIOR = 0.15
 NEAR_S = 0.2  # a low-passed row has so much of what is around it
+STEADY_S = 0.3  # a motor answers its command within a tenth of a second
+SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
 DETERMINED, BARELY = 0.5, 0.8  # of the prior's sd: less is determined, more is not
 
 
@@ -120,6 +125,7 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     covariance, notes = prior_covariance(prior, names, mean)
     measured = all(has_speeds(log, airframe) for log in logs)
     if measured:
+        logs = [by_speed(log, airframe, prior) for log in logs]
         notes += ("what a command means in speed is known by the ESCs' rpm",)
         numbers = [r.number for r in airframe.rotors]
         silent = [n for n in numbers if not all(has_speed(log, n) for log in logs)]
@@ -131,7 +137,8 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
     root = np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance))), float)
-    rows, frames = zip(*(_rows(log, airframe, prior, names, measured, root) for log in logs), strict=True)
+    bare = prior.by_speed() if measured else prior
+    rows, frames = zip(*(_rows(log, airframe, bare, names, measured, root) for log in logs), strict=True)
     whole = together(rows, {})
     count, lasts = len(names), whole.lasting
     units = np.eye(lasts)
@@ -195,6 +202,65 @@ def prior_covariance(
     return np.diag(np.array(sds) ** 2) + same * np.outer(guessed, guessed), (f"prior: {where}",)
 
 
+def by_speed(log: Samples, airframe: Airframe, model: RotorModel) -> Samples:
+    """A log whose motor columns are speeds: slowly as the ESCs' rpm say, quickly as the commands go.
+
+        speed = mean(rpm) + slope (command - mean(command)),   means over SLOW_S, centred
+
+    What a command means drifts with the pack and the windings: rpm tell it, late and coarsely as they come.
+    What happens within seconds they tell too late. The slope is that of both over STEADY_S, commands through
+    the declared lag, with proportion as its prior: a hover alone says nothing of it. A rotor without a
+    speed turns by its command as the others do.
+    """
+    given = np.stack([log[f"motor{rotor.number}"] for rotor in airframe.rotors], axis=1)
+    volts = log["voltage_V"] if log.has("voltage_V") else None
+    asked = airframe.turned(model, np.where(impossible_commands(given), np.nan, given), volts)
+    turned, ratios = {}, {}
+    for rotor, command in zip(airframe.rotors, asked.T, strict=True):
+        speed = log[f"rpm{rotor.number}"] / model.speed_max_rpm if has_speed(log, rotor.number) else None
+        if speed is not None:
+            turned[rotor.number], ratios[rotor.number] = _turned(command, speed, log, airframe.motor_lag_s)
+    usual = float(np.median(list(ratios.values())))
+    for rotor, command in zip(airframe.rotors, asked.T, strict=True):
+        speeds = turned.get(rotor.number, usual * command)
+        turned[rotor.number] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
+    return log.with_columns(**{f"motor{n}": speeds for n, speeds in turned.items()})
+
+
+def _turned(command: Array, speed: Array, log: Samples, lag_s: float) -> tuple[Array, float]:
+    """(rows,) what a rotor turned at, and how many times its command that usually is."""
+    rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)
+    period = float(np.median(np.diff(log["time_s"])))
+    behind = _turning(command, period, lag_s)
+    every = period * len(rows) / max(rows.sum(), 1)  # ESCs may report more seldom than the log has rows
+    slow, short = (max(round(span / period), 1) for span in (max(SLOW_S, FEW_SPEEDS * every), STEADY_S))
+    u, v = (_mean(values, rows, slow) for values in (command, speed))
+    x, y = ((_mean(values, rows, short) - _mean(values, rows, slow))[rows] for values in (behind, speed))
+    ratio = float(np.median(speed[rows] / command[rows]))
+    noise = float(np.var(y - ratio * x)) * STEADY_S / period  # neighbours share their mean
+    own = noise / (SLOPE_SD * ratio) ** 2
+    slope = (float(x @ y) + own * ratio) / max(float(x @ x) + own, 1e-300)
+    near = np.isfinite(v)
+    return np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command), ratio
+
+
+def _turning(command: Array, period_s: float, lag_s: float) -> Array:
+    """Commands behind a motor's lag; NaN where they are damaged. White ones lose a tenth of a mean to it."""
+    known = np.isfinite(command)
+    row = np.arange(len(command))
+    filled = np.interp(row, row[known], command[known])
+    return np.where(known, lagged(filled[:, None], period_s, lag_s)[:, 0], np.nan)
+
+
+def _mean(values: Array, rows: NDArray[np.bool_], width: int) -> Array:
+    """Centred running mean of those rows; NaN where there is none within `width` rows."""
+    from scipy.ndimage import uniform_filter1d
+
+    weight = uniform_filter1d(rows.astype(float), width, mode="constant")
+    total = uniform_filter1d(np.where(rows, values, 0.0), width, mode="constant")
+    return np.where(weight > 0.5 / width, total / np.maximum(weight, 1e-12), np.nan)
+
+
 def _rows(
     log: Samples,
     airframe: Airframe,
@@ -207,9 +273,7 @@ def _rows(
 
     Noise is what the columns as they are leave at the numbers that fit what instruments explain of them.
     """
-    frame = flight_frame([log], airframe, prior)
-    turned = by_logged_speeds(frame, [log]) if measured else None
-    frame = _within(frame if turned is None else turned, log)
+    frame = _within(flight_frame([log], airframe, prior), log)
     zero, zero_sd = vertical_zero(frame)
     moved = frame.measured.copy()
     moved[:, 2] -= zero * frame.airframe.mass_kg

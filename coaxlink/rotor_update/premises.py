@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from coaxlink.channels.flight import flight_frame, reduce_columns
-from coaxlink.channels.logged_speeds import by_logged_speeds, has_speeds
+from coaxlink.channels.logged_speeds import has_speeds
 from coaxlink.constants import NORMAL_95, NORMAL_999
 from coaxlink.data.samples import Samples
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
@@ -20,7 +20,7 @@ from coaxlink.premises import NotJudged, OtherVehicle, damage, lacking, moves, n
 from coaxlink.premises.moves import HOW, MEASURES, UNKNOWN
 from coaxlink.premises.same_vehicle import RESPONSE
 from coaxlink.residual.refine import vehicle_differs
-from coaxlink.rotor_update.coefficients import Update, coefficients_from_flights
+from coaxlink.rotor_update.coefficients import Update, by_speed, coefficients_from_flights
 from coaxlink.vehicle import Vehicle
 
 FELT = 0.01  # of the reference load, judgement: less moves no load in hover by its interval
@@ -67,9 +67,7 @@ def speeds_contradict(frame: FlightFrame, log: Samples, vehicle: Vehicle) -> Ite
         why = f"from {moment:.1f} s on it goes otherwise with its command: {OFF_OR_FAILS}"
         yield NotJudged(name, RPM_FIT + WHICH, why)
         return
-    turned = by_logged_speeds(frame, [log])
-    if turned is None:
-        return
+    turned = flight_frame([by_speed(log, body, model)], body, model.by_speed())
     turns, asked = _moves(turned), _moves(frame)
     wrong = np.where(turns > FELT * frame.reference, turns / asked, 0.0)
     k = int(np.argmax(wrong))

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
 
 from coaxlink.channels.flight import flight_frame
-from coaxlink.channels.logged_speeds import by_logged_speeds
 from coaxlink.constants import NORMAL_95, TURNING
 from coaxlink.data import read_flight_log
 from coaxlink.errors import InputError
@@ -19,6 +17,7 @@ from coaxlink.rotor.model import RotorModel
 from coaxlink.rotor_update.coefficients import (
     NO_PRIOR,
     _within,
+    by_speed,
     coefficients_from_flights,
     prior_covariance,
 )
@@ -61,12 +60,10 @@ def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
     vehicle, fly = flown
     log = fly(plan, HiddenEffect("battery_voltage", 0.5))
     top = vehicle.rotors.speed_max_rpm
-    asked = flight_frame([log], vehicle.declared, vehicle.rotors)
-    turned = by_logged_speeds(asked, [log])
+    speeds = by_speed(log, vehicle.declared, vehicle.rotors)
     air = slice(250, -50)
-    for k, n in ((0, 1), (7, 8)):
-        true = np.interp(turned.time_s, log["time_s"], log[f"rpm{n}"] / top)[air]
-        command, found = (frame.speeds[air, k] for frame in (asked, turned))
+    for n in (1, 8):
+        command, true, found = (x[air] for x in (log[f"motor{n}"], log[f"rpm{n}"] / top, speeds[f"motor{n}"]))
         assert np.abs(command - true).mean() > 0.01  # what a command means has drifted
         assert abs(np.mean(found - true)) < 1e-3
         # what the motor's lag and the ESC's noise leave between a command and its speed, and no more
@@ -80,10 +77,9 @@ def test_damaged_commands_teach_no_speeds(flown):
     log = fly("wander")
     damaged = np.arange(log.rows) % 40 == 7
     harmed = log.with_columns(motor1=np.where(damaged, 37.0, log["motor1"]))
-    frames = (flight_frame([x], vehicle.declared, vehicle.rotors) for x in (log, harmed))
-    sound, found = (by_logged_speeds(f, [x]) for f, x in zip(frames, (log, harmed), strict=True))
-    known = np.isin(sound.time_s, found.time_s)
-    assert np.abs(found.speeds[:, 0] - sound.speeds[known, 0]).max() < 0.01
+    sound, found = (by_speed(x, vehicle.declared, vehicle.rotors)["motor1"] for x in (log, harmed))
+    assert not np.isfinite(found[damaged]).any()
+    assert np.abs(found - sound)[~damaged].max() < 0.01
 
 
 @pytest.mark.slow
@@ -105,8 +101,8 @@ def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
 
 def test_rows_near_a_motors_end_are_left_out(flown):
     vehicle, fly = flown
-    log = fly("steps")
-    frame = by_logged_speeds(flight_frame([log], vehicle.declared, vehicle.rotors), [log])
+    log = by_speed(fly("steps"), vehicle.declared, vehicle.rotors)
+    frame = flight_frame([log], vehicle.declared, vehicle.rotors)
     kept = _within(frame, log)
     assert 50 < len(kept.keep) < 0.9 * len(frame.keep)
     assert frame.speeds[frame.keep].min() < TURNING <= kept.speeds[kept.keep].min()
@@ -150,19 +146,17 @@ def test_intervals_of_a_file_are_its_prior_and_a_guess_beside_them_is_said(flown
 
 
 @pytest.mark.slow
-def test_loads_in_hover_are_inside_their_intervals_as_often_as_these_say(flown):
+def test_loads_in_hover_are_inside_their_intervals_whichever_way_the_prior_is_off(flown):
     vehicle, fly = flown
     true = replace(vehicle.rotors, identified={})
-    signs = itertools.cycle(itertools.product((0.85, 1.15), repeat=4))
-    off_by = []
-    for plan in ("hover", "circle", "wander", "steps"):
-        for sag in (0.0, 0.1, 0.2, 0.3):
-            log = fly(plan, *([HiddenEffect("battery_voltage", sag)] if sag else []))
-            update = coefficients_from_flights([log], vehicle.declared, off(true, next(signs)))
-            pair = true.loads(*(np.array([u]) for u in update.hover))
-            off_by += [
-                (value - float(getattr(pair, load.replace(".", "_").rsplit("_", 1)[0])[0])) / sd
-                for load, (_, _, value, sd) in update.loads.items()
-            ]
-    outside = np.sum(np.abs(off_by) > NORMAL_95)
-    assert outside <= binom.ppf(0.99, len(off_by), 0.05)
+    log = fly("wander", HiddenEffect("battery_voltage", 0.3))
+    worst = []
+    for signs in itertools.product((0.85, 1.15), repeat=4):
+        update = coefficients_from_flights([log], vehicle.declared, off(true, signs))
+        pair = true.loads(*(np.array([u]) for u in update.hover))
+        off_by = [
+            (value - float(getattr(pair, load.replace(".", "_").rsplit("_", 1)[0])[0])) / sd
+            for load, (_, _, value, sd) in update.loads.items()
+        ]
+        worst.append(np.abs(off_by).max())
+    assert max(worst) < NORMAL_95

@@ -83,6 +83,7 @@ TAKE_BOTH = {
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.channels.flight.flight_frame",  # tracing: effects are part of the prediction
     "coaxlink.channels.flight.flown",  # which stretches are long enough for it
+    "coaxlink.rotor_update.coefficients.by_speed",  # logged speeds into commands, no load
     "coaxlink.rotor_update.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.health.turning.speed_ratios",  # logged speeds against commands, no load
     "coaxlink.premises.magnets.miscounted",  # the declared vehicle against what a log shows
