@@ -19,7 +19,8 @@ from coaxlink.live.counts import Counters
 
 
 def answer(*effects, **rest):
-    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "channels": {}, "more": 0.3} | rest
+    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "channels": {}, "more": 0.3}
+    parts = parts | {"surface": ()} | rest
     return SimpleNamespace(effects=[SimpleNamespace(name=n) for n in effects], **parts)
 
 
@@ -73,6 +74,11 @@ def test_what_is_left_above_the_noise_is_not_said_to_be_explained():
     line = after_refine(answer(channels=left), None, True)
     assert line == "next: a flight in calm air would show what is in torque_x; no model was changed"
     assert "explains these data" in after_refine(answer(), None, True)
+
+
+def test_what_a_smooth_surface_holds_is_not_said_to_be_the_models():
+    line = after_refine(answer(surface=[object()]), None, False)
+    assert "explains these data" not in line and "coaxlink identify LOG" in line
 
 
 def test_every_effect_can_be_put_into_a_table_or_says_why_not():

@@ -59,6 +59,11 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
     if result.more is not None and result.more > LIKELY:
         again = "a longer flight" if flight else "a longer run"
         return f"next: {again} would show what may be there; no model was changed"
+    if result.surface and not flight:
+        return (
+            "next: no effect to mend; what the surface holds the rotor model does not: coaxlink identify LOG "
+            "says how much of it a model of this log does"
+        )
     return "next: nothing to mend; the model explains these data to their noise"
 
 

@@ -199,15 +199,16 @@ def _smooth(ch: Channels, best: Hypothesis | None) -> tuple[SmoothSurface, ...]:
     """What the map adds to the polynomials: a part of the rotor model, named with its size."""
     if best is None:
         return ()
-    out, at = [], sum(b.width for b in ch.nuisance)
+    smooth, at = np.zeros_like(ch.target), sum(b.width for b in ch.nuisance)
     for block in ch.surface:
-        values = best.fit.values[at : at + block.width]
+        smooth += block.columns @ best.fit.values[at : at + block.width]
         at += block.width
-        c = int(np.argmax(np.abs(block.columns).sum(axis=(0, 2))))
-        size = float(np.sqrt(np.mean((block.columns[:, c] @ values) ** 2)))
-        if size > SMOOTH_REPORTED * ch.reference[c] and not ch.names[c].endswith("_speed"):
-            out.append(SmoothSurface(ch.names[c], size, size / float(ch.reference[c]), ch.units[c]))
-    return tuple(out)
+    size = np.sqrt(np.mean(smooth**2, axis=0))
+    return tuple(
+        SmoothSurface(name, float(rms), float(rms / of), unit)
+        for name, unit, rms, of in zip(ch.names, ch.units, size, ch.reference, strict=True)
+        if rms > SMOOTH_REPORTED * of and not name.endswith("_speed")
+    )
 
 
 def worth(found: Posterior, name: str) -> float:
