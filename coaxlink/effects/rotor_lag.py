@@ -206,15 +206,19 @@ def _adds(frame: StandFrame, p: Numbers) -> Array:
 
 
 def _further(_: StandFrame, p: Numbers) -> Sequence[Numbers]:
-    """A second stage before it, other lags up and down or of the rotors, throttles that jump."""
+    """A second stage before it, other lags up and down or of the rotors, throttles that jump; of what
+    overshoots what does not."""
+    if "damping" in p:  # what is late by as much, or forgets as slowly, and does not overshoot
+        jump = {"stepped": 1.0} if "stepped" in p else {}
+        p = {"share": 1.0, "lag_s": p["lag_s"] * max(2.0 * p["damping"], 1.0 / p["damping"]), **jump}
     second, down, lower = {"second_s": 0.2 * p["lag_s"]}, {"down": 1.2}, {"lower": 1.2}
-    if "damping" in p:
-        return []
     if "wake" in p:
         return [] if "second_s" in p else [{**p, **second}]
     whole = {**p, "share": 1.0}
     if {"second_s", "down", "lower"} & set(p):
-        return [{**whole, **more} for more in (second, down, lower) if not set(more) & set(p)]
+        jump = {name: v for name, v in whole.items() if name != "stepped"}
+        jump |= {} if "stepped" in p else {"stepped": 1.0}
+        return [jump, *({**whole, **more} for more in (second, down, lower) if not set(more) & set(p))]
     other = {"share": 1.0, "lag_s": p["lag_s"]} | ({} if "stepped" in p else {"stepped": 1.0})
     more_of = (second, down, second | down, lower)
     return [*({**p, **more} for more in more_of), *({**other, **more} for more in more_of)]

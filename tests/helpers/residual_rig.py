@@ -74,3 +74,30 @@ def run(seed=0, *, rpm=True, throttle=True, noise=1.0, **true):
     columns["rotor_spacing_m"] = spacing
     columns["operator_mood"] = rng.standard_normal(rows).cumsum()
     return columns
+
+
+def followed(seed, rate_hz, lag_s, *, down=1.0, hold_s=1.0, ramp=False, rows=1000):
+    """Columns of throttles that jump from one set-point to the next, or go straight to it, and of the loads
+    of rotors that follow them late; `down`: by so many times as long when they slow down.
+    """
+    rng = np.random.default_rng(seed)
+    step, hold = 1.0 / rate_hz, round(hold_s * rate_hz)
+    levels = rng.uniform(0.2, 0.95, (rows // hold + 2, 2))
+    at = np.arange(rows) / hold
+    if ramp:
+        command = np.stack([np.interp(at, np.arange(len(levels)), levels[:, c]) for c in (0, 1)], axis=1)
+    else:
+        command = levels[at.astype(int)]
+    parts = 20 if ramp else 1  # between two rows
+    speed, now = np.empty_like(command), command[0]
+    for k in range(rows):
+        before = command[max(k - 1, 0)]
+        for j in range(parts):
+            aim = before + (command[k] - before) * (j + 0.5) / parts if ramp else command[k]
+            now = aim + (now - aim) * np.exp(-step / parts / np.where(aim < now, down * lag_s, lag_s))
+        speed[k] = now
+    loads = steady_loads(*speed.T)
+    loads += 0.6 * np.array([[0.4], [0.008], [0.4], [0.008]]) * rng.standard_normal(loads.shape)
+    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    throttles = {"upper_throttle": command[:, 0], "lower_throttle": command[:, 1]}
+    return {"time_s": step * np.arange(rows), **throttles, **dict(zip(names, loads, strict=True))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ class Fitted:
     names: tuple[str, ...]  # of the base's columns, the first ones
     before: Regression
     after: Regression
+    steps: bool = True  # whether shapes' numbers are the regression's
 
     def columns(self, members: Sequence[Member]) -> Index:
         """The base's columns and those of some members."""
@@ -67,13 +69,30 @@ class Fitted:
 
     def numbers(self, m: Member, values: Array) -> dict[str, float]:
         """Parameters of a member at these coefficients (P,); its own where physics refuses them."""
-        frame = self.channels.bare
-        point = values[self.columns([m])[len(self.names) :]]
-        limits = m.effect.free(frame, m.shape)
+        named = self.moved(m, values).parameters(self.channels.bare)
+        refused = m.effect.refuse(named) is not None
+        return m.parameters(self.channels.bare) if refused else named
+
+    @cached_property
+    def held(self) -> Array:
+        """(rows, C) left where every shape stays as it is."""
+        free = [np.arange(len(m.point)) < len(m.coefficients) for m in self.members]
+        use = np.flatnonzero(np.concatenate([np.ones(len(self.names), bool), *free]))
+        few = self.after.only(use)
+        return np.asarray(few.target - few.columns @ few.values)
+
+    def moved(self, m: Member, values: Array) -> Member:
+        """A member at these coefficients (P,).
+
+        The regression is linear in a shape's numbers: where a log hardly shows one its step goes anywhere,
+        and what leaves more than no step is none.
+        """
+        use = self.columns([m])[len(self.names) :]
+        point, limits = values[use], m.effect.free(self.channels.bare, m.shape)
+        from_here = np.zeros(len(use)) if self.steps else self.after.values[use]
         for i, key in enumerate(m.keys, start=len(m.coefficients)):
-            point[i] = np.clip(point[i] + m.shape[key], *limits[key])
-        named = m.at(point).parameters(frame)
-        return named if m.effect.refuse(named) is None else m.parameters(frame)
+            point[i] = np.clip(point[i] - from_here[i] + m.shape[key], *limits[key])
+        return m.at(point)
 
     @property
     def corrections(self) -> dict[str, float]:
@@ -115,13 +134,18 @@ def fitted_about(ch: Channels, members: Sequence[Member], best: Hypothesis | Non
     if best is not None:
         sigma = np.maximum(best.fit.noise / np.sqrt(best.colour.rows(1)), ch.least_noise)
     width = len(names)
-    return Fitted(
+    fitted = Fitted(
         ch,
         tuple(members),
         tuple(names),
         Regression(base, ch.target, mean[:width], deviation[:width], nothing, ch.block),
         Regression(np.concatenate([base, slopes.columns], axis=-1), target, mean, deviation, sigma, ch.block),
     )
+    there = [fitted.moved(m, fitted.after.values) for m in members]
+    beyond = (
+        ch.target - base @ fitted.after.values[:width] - ch.reduce(scorer.predict(there) - scorer.predict(()))
+    )
+    return replace(fitted, steps=bool(np.sum((beyond / sigma) ** 2) <= np.sum((fitted.held / sigma) ** 2)))
 
 
 @dataclass(frozen=True)

@@ -285,11 +285,11 @@ def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
     return replace(h, log_prior=h.log_prior - 0.5 * colour.size * np.log(len(h.left)))
 
 
-def is_whole(m: Member) -> bool:
-    """Whether a member's one coefficient is a share that is all of it."""
-    known = effect_named(m.name)
+def is_whole(name: str, coefficients: int) -> bool:
+    """Whether an effect's one coefficient is a share that is all of it."""
+    known = effect_named(name)
     shares = [p for p in known.parameters if p.name == "share" and p.prior is not None] if known else []
-    return bool(shares) and len(m.coefficients) == 1
+    return bool(shares) and coefficients == 1
 
 
 def prior_of(ch: Channels, m: Member, columns: Array) -> tuple[Array, Array]:
@@ -300,7 +300,7 @@ def prior_of(ch: Channels, m: Member, columns: Array) -> tuple[Array, Array]:
     deviation[:count] = ch.usual(columns[..., :count])
     whole = effect_named(m.name)
     known = {p.name: p for p in whole.parameters} if whole else {}
-    if is_whole(m):
+    if is_whole(m.name, count):
         mean[0], deviation[0] = 1.0, WHOLE  # all of the drive is late, or rests
     limits = m.effect.free(ch.bare, m.shape)
     for i, key in enumerate(m.keys, start=count):

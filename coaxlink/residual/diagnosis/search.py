@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.effects.tracing import Array, Shape, Tracing
-from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, key_of
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name, is_whole, key_of
 from coaxlink.residual.diagnosis.screening import Stack
 from coaxlink.residual.members import Member
 
@@ -119,8 +119,11 @@ class Search:
         for variable in dict.fromkeys(f.split("|")[0] for f in h.forms):
             forms = [f for f in h.forms if f.split("|")[0] != variable]
             without = self._try(h.members, forms, h, anew=False)
-            for effect, candidate in self.screened(without)[:NAMED]:
-                self._grown(without, effect, candidate)
+            found = self.screened(without)
+            names = list(dict.fromkeys(effect.name for effect, _ in found))[:NAMED]
+            for effect, candidate in found:
+                if effect.name in names:
+                    self._grown(without, effect, candidate)
 
     def _try(
         self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis, *, anew: bool = True
@@ -187,25 +190,33 @@ class Search:
                     self._try(changed, h.forms, h)
 
     def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
-        """The most promising effects beside a hypothesis, each in its best shape of the grid."""
+        """The most promising effects beside a hypothesis, each in its best shapes of the grid."""
         return [(effect, candidate) for effect, candidate, _ in self._promising(h, TRIED)]
 
     def _promising(
         self, h: Hypothesis, most: int | None = None, least: float = LEAST_GAIN
     ) -> list[tuple[Tracing[Any], Candidate, float]]:
-        """Effects beside a hypothesis in their best shapes of the grid, each with the nats that it gains."""
+        """Effects beside a hypothesis in their best shapes of the grid, each with the nats that it gains: of
+        every form of an effect that is there as a whole the best, for a part of one form passes for another.
+        """
         gains = self._gains(h, self.grid)
         ranked = sorted(zip(gains, range(len(gains)), strict=True), reverse=True)
-        out: dict[str, tuple[Tracing[Any], Candidate, float]] = {}
+        out: dict[tuple[str, frozenset[str]], tuple[Tracing[Any], Candidate, float]] = {}
         for gain, k in ranked:
             c = self.candidates[k]
-            if gain < least or len(out) == most:
+            name, form = (
+                c.effect.name,
+                frozenset(c.shape if is_whole(c.effect.name, len(c.deviation)) else ()),
+            )
+            if gain < least:
                 break
-            if c.effect.name in h.names or c.effect.name in out:
+            if name in h.names or (name, form) in out:
+                continue
+            if most is not None and len({n for n, _ in out} | {name}) > most:
                 continue
             start = self.started(h, c)
             if c.effect.refuse(start.parameters(self.channels.bare)) is None:
-                out[c.effect.name] = c.effect, c, gain
+                out[name, form] = c.effect, c, gain
         return list(out.values())
 
     def screened_forms(self, h: Hypothesis) -> list[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from residual_rig import FULL_RPM, run
+from residual_rig import FULL_RPM, followed, run
 from scipy.signal import lfilter
 
 from coaxlink.data import Samples
@@ -51,6 +51,27 @@ def test_mass_over_sets_is_a_probability():
     assert len(kept) == 1 and kept[0].name == "air_density"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rate_hz", "lag_s", "down", "seed"), [(20, 0.01, 1.3, 2), (20, 0.06, 1.5, 1), (5, 0.1, 1.2, 1)]
+)
+def test_a_lag_between_rows_is_no_other_effect_and_has_its_length(rate_hz, lag_s, down, seed, paper):
+    log = followed(seed, rate_hz, lag_s, down=down, hold_s=max(1.0, 10.0 / rate_hz))
+    (lag,) = refine_stand(Samples(log, "rig.csv"), paper).effects
+    numbers = {p.name: p.value for p in lag.parameters}
+    assert lag.name == "rotor_lag"
+    assert numbers["lag_s"] == pytest.approx(lag_s, rel=0.1)
+    assert numbers["down"] == pytest.approx(down, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_number_that_a_log_hardly_shows_is_told_where_it_was_fitted(paper):
+    log = followed(1, 20, 0.04, hold_s=2.0, ramp=True)
+    (lag,) = refine_stand(Samples(log, "rig.csv"), paper).effects
+    numbers = {p.name: p.value for p in lag.parameters}
+    assert numbers["lag_s"] + numbers.get("second_s", 0.0) == pytest.approx(0.04, rel=0.2)
+
+
 def stalling(seed):
     """A rig whose lower torque bends over the ratio of the speeds, as no polynomial does."""
     columns = run(seed=seed, throttle=False)
@@ -65,7 +86,8 @@ def test_what_a_pair_does_over_the_ratio_of_its_speeds_is_its_map_and_no_effect(
     answer = refine_stand(Samples(stalling(5), "rig.csv"))
     assert (answer.effects, answer.ambiguous, answer.suspect_data) == ((), (), ())
     assert answer.unexplained == ()
-    assert "lower_torque" in {s.channel for s in answer.surface}
+    told = [s.channel for s in answer.surface]
+    assert "lower_torque" in told and len(told) == len(set(told))
 
 
 def test_where_no_model_is_given_how_blades_follow_reynolds_number_is_the_map():
