@@ -49,6 +49,10 @@ def answered(
     best = _borne_out(found, leading) if found else None
     members = [m for m in best.members if m.name in leading] if best else []
     fitted = fitted_about(ch, members, best)
+    if not _helps(fitted, stated):
+        claimed = stated.claimed
+        without = replace(stated, claimed={}, withheld={**stated.withheld, **claimed}, is_open=True)
+        return answered(ch, found, replace(without, refuted=frozenset(claimed)), suspects, notes, logs)
     out = concluded(
         fitted,
         found,
@@ -60,6 +64,12 @@ def answered(
         logs,
     )
     return replace(out, surface=_smooth(ch, best))
+
+
+def _helps(fitted: Fitted, stated: Decision) -> bool:
+    """Whether any channel errs less with what is claimed, on rows that the fits did not see."""
+    mine = fitted.of([m for m in fitted.members if m.name in stated.claimed])
+    return not mine.members or bool(np.any(mine.after.errors < mine.before.errors))
 
 
 def concluded(
@@ -134,7 +144,7 @@ def _unexplained(ch: Channels, found: Posterior, stated: Decision) -> list[Unexp
     shown = max((h for h in found.sets if h.effects == found.best.effects), key=lambda h: h.score)
     pieces = pieces_of(ch, shown)
     for m in [m for m in shown.members if m.name in stated.withheld]:
-        u = unnamed(ch, found, shown, m, stated.withheld[m.name])
+        u = unnamed(ch, found, shown, m, stated.doubt(m.name))
         pieces.setdefault(u.channel, []).append((u.rmse, u.depends_on[0], u.where))
     if not pieces and not stated.claimed and not stated.groups:
         left = np.std(shown.left, axis=0)
@@ -170,7 +180,7 @@ def unexplained_of(ch: Channels, pieces: Pieces) -> list[Unexplained]:
     return sorted(out, key=lambda u: -u.rmse / ch.reference[ch.names.index(u.channel)])
 
 
-def unnamed(ch: Channels, found: Posterior, h: Hypothesis, m: Member, probability: float) -> Unexplained:
+def unnamed(ch: Channels, found: Posterior, h: Hypothesis, m: Member, doubt: str) -> Unexplained:
     """What a member explains that is not probable enough for a name, corrections having given way."""
     less = [o for o in found.sets if o.names <= h.names - {m.name}]
     without = max(less, key=lambda o: o.score) if less else found.without({m.name})
@@ -181,7 +191,7 @@ def unnamed(ch: Channels, found: Posterior, h: Hypothesis, m: Member, probabilit
     label, _ = m.effect.cause(ch.bare, m.shape, ch.names[c])
     text = (
         f"{label}: {100.0 * rms[c] / ch.reference[c]:.2g} % of the load, as {m.name} would have it, "
-        f"probability {probability:.2f}: no name for it"
+        f"{doubt}: no name for it"
     )
     return Unexplained(ch.names[c], (label,), float(rms[c]), text)
 
@@ -222,7 +232,7 @@ def rejected(found: Posterior, stated: Decision) -> list[Rejected]:
     out = []
     for name in sorted({n for h in found.sets for n in h.effects} - {*stated.claimed} - stated.grouped):
         if name in stated.withheld:
-            out.append(Rejected(name, f"probability {stated.withheld[name]:.2f}: too little for a name"))
+            out.append(Rejected(name, f"{stated.doubt(name)}: too little for a name"))
             continue
         with_it = max((h for h in found.sets if name in h.names), key=lambda h: h.score)
         behind = found.best.score - with_it.score

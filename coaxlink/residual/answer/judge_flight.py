@@ -122,7 +122,7 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, reported: Decision) -
         )
         parts.append((alone("strain", s.log_evidence), {s.channel: [(s.rms, s.motor, words)]}))
     for m in [m for m in lead.members if m.name in reported.withheld]:
-        u = unnamed(ch, found.posterior, lead, m, reported.withheld[m.name])
+        u = unnamed(ch, found.posterior, lead, m, reported.doubt(m.name))
         log_evidence = flown_numbers(ch, found.posterior, lead, m)["tempered"]
         parts.append(
             (

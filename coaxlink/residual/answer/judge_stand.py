@@ -140,7 +140,7 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
     out = answered(every, found.posterior if found else None, reported, suspects, notes, several)
     if found is None:
         return out
-    named = {*reported.claimed} | reported.grouped
+    named = {e.name for e in out.effects} | reported.grouped
     shown = {n: s for n, s in found.would_show.items() if n not in named}
     least = [WouldShow(n, s.share, s.channel, s.alike) for n, s in shown.items()]
     out = replace(out, would_show=tuple(sorted(least, key=lambda w: w.share)))

@@ -57,6 +57,12 @@ class Decision:
     opened: float  # that something is there beyond what is claimed
     is_open: bool  # whether that is reported
     weighed: tuple[Mapping[str, Any], ...] = ()  # candidates with the numbers they were judged by
+    refuted: frozenset[str] = frozenset()  # withheld ones that better nothing where the fit did not look
+
+    def doubt(self, name: str) -> str:
+        """Of a withheld name, in words."""
+        but = ", but no error on held-out rows is less with it" if name in self.refuted else ""
+        return f"probability {self.withheld[name]:.2f}{but}"
 
     @property
     def grouped(self) -> frozenset[str]:

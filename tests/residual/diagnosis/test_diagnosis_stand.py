@@ -15,9 +15,14 @@ from scipy.signal import lfilter
 
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
+from coaxlink.evidence.noise import white
 from coaxlink.load import Load
 from coaxlink.residual import refine_stand
-from coaxlink.residual.diagnosis.stand import speed_law
+from coaxlink.residual.answer.concluded import answered
+from coaxlink.residual.diagnosis.decide import Decision
+from coaxlink.residual.diagnosis.hypotheses import Scorer, begun
+from coaxlink.residual.diagnosis.posterior import posterior
+from coaxlink.residual.diagnosis.stand import speed_law, stand_channels
 from sim.physics.rotors import read_pair
 
 
@@ -70,6 +75,25 @@ def test_a_number_that_a_log_hardly_shows_is_told_where_it_was_fitted(paper):
     (lag,) = refine_stand(Samples(log, "rig.csv"), paper).effects
     numbers = {p.name: p.value for p in lag.parameters}
     assert numbers["lag_s"] + numbers.get("second_s", 0.0) == pytest.approx(0.04, rel=0.2)
+
+
+def test_a_name_that_betters_no_error_where_the_fit_did_not_look_is_not_claimed(paper):
+    log = Samples(run(seed=3), "rig.csv")  # in which nothing is hidden
+    ch = stand_channels(log, paper)
+    scorer, refuted = Scorer(ch, white(ch.count)), 0
+    for effect in ch.effects:
+        shape = effect.shapes(ch.frame)[0]
+        count = effect.columns(ch.frame, shape).shape[-1]
+        member = begun(ch, effect, shape, np.full(count, 1e-3))
+        found = posterior(ch, scorer.colour, [scorer.score([member], ()), scorer.empty])
+        answer = answered(ch, found, Decision({effect.name: 0.99}, (), {}, 0.0, False), [], [], [log])
+        if answer.effects:
+            assert any(c.rmse_after < c.rmse_before for c in answer.channels.values()), effect.name
+            continue
+        refuted += 1
+        assert any(r.name == effect.name and "held-out" in r.why for r in answer.rejected)
+        assert answer.model.effects == paper.effects and answer.unexplained
+    assert refuted
 
 
 def stalling(seed):
