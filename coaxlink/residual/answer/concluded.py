@@ -50,9 +50,10 @@ def answered(
     members = [m for m in best.members if m.name in leading] if best else []
     fitted = fitted_about(ch, members, best)
     if not _helps(fitted, stated):
-        claimed = stated.claimed
-        without = replace(stated, claimed={}, withheld={**stated.withheld, **claimed}, is_open=True)
-        return answered(ch, found, replace(without, refuted=frozenset(claimed)), suspects, notes, logs)
+        names = stated.claimed
+        without = replace(stated, claimed={}, withheld={**stated.withheld, **names}, refuted=frozenset(names))
+        there = replace(without, opened=max(stated.opened, *names.values()), is_open=True)
+        return answered(ch, found, there, suspects, notes, logs)
     out = concluded(
         fitted,
         found,

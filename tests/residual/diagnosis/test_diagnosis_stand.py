@@ -92,7 +92,7 @@ def test_a_name_that_betters_no_error_where_the_fit_did_not_look_is_not_claimed(
             continue
         refuted += 1
         assert any(r.name == effect.name and "held-out" in r.why for r in answer.rejected)
-        assert answer.model.effects == paper.effects and answer.unexplained
+        assert answer.model.effects == paper.effects and answer.unexplained and answer.more == 0.99
     assert refuted
 
 
