@@ -60,9 +60,16 @@ class Columns:
         known = np.flatnonzero(np.isfinite(self.values).all(axis=1))
         return np.interp(self.time[self.rows][:, None] + SHIFTS_S, self.time[known], self.values[known, k])
 
-    def likeliest(self, ways: Callable[[int], tuple[Array, Array]]) -> tuple[str, int] | None:
-        """The column and the way that leave least unexplained by the others, if that is sure: `ways`
-        give of a column what is left of it as it is (rows,), and by each way (rows, ways).
+    def off_by(self) -> list[float]:
+        """(N,) mean squares of what the others leave of each."""
+        own = self.values[self.rows].T
+        return [float(np.mean(left(x, design) ** 2)) for x, design in zip(own, self.designs, strict=True)]
+
+    def likeliest(
+        self, ways: Callable[[int], tuple[Array, Array]], gone: float = HALF
+    ) -> tuple[str, int] | None:
+        """The column and the way that leave least unexplained by the others, if that is sure and so much of
+        it is gone: `ways` give of a column what is left of it as it is (rows,), and by each (rows, ways).
 
         Rows count by the memory of what a way leaves: a step that it explains is no memory.
         """
@@ -75,7 +82,7 @@ class Columns:
             now, share = float(left[at]) + FEWEST**2, independent_share(by_way[:, at])
             log_evidence = 0.5 * len(rest) * share * float(np.log(usual / now)) - np.log(len(left))
             # what one column is off by, fits to the others have in part
-            if log_evidence > SURE and now < HALF * usual and usual - now > most:
+            if log_evidence > SURE and now < (1.0 - gone) * usual and usual - now > most:
                 best, most = (name, at), usual - now
         return best
 
@@ -85,15 +92,16 @@ class Columns:
         if (count := len(self.rows) // 2) >= LEAST_ROWS:
             yield from (self.take(part) for part in (slice(0, count), slice(count, None)))
 
-    def late(self) -> tuple[str, float] | None:
-        """The column that fits the others at another time, and by how much it comes later, s."""
+    def late(self, gone: float = HALF) -> tuple[str, float] | None:
+        """The column that fits the others at another time, and by how much it comes later, s; so much of what
+        it is off by has to be gone there."""
         none = int(np.argmin(np.abs(SHIFTS_S)))
 
         def ways(k: int) -> tuple[Array, Array]:
             rest = left(self.shifted(k), self.designs[k])
             return rest[:, none], rest
 
-        best = self.likeliest(ways)
+        best = self.likeliest(ways, gone)
         return (best[0], float(SHIFTS_S[best[1]])) if best else None
 
     def changed(self) -> tuple[str, float] | None:

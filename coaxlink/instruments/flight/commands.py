@@ -8,7 +8,7 @@ stand still. And motors that work as these do, of no rotor of the airframe, are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +17,8 @@ import numpy as np
 from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.resolution import resolution_of
 from coaxlink.frames import Array
-from coaxlink.instruments.chain import SURE
 from coaxlink.instruments.findings import Finding, Mask, runs_of
-from coaxlink.instruments.flight.apart import COARSE_STEP, MOMENTS, PERIOD_S, Columns, left, rounded
+from coaxlink.instruments.flight.apart import COARSE_STEP, HALF, Columns, rounded
 from coaxlink.instruments.flight.flown_log import FlownLog
 from coaxlink.instruments.flight.still import (
     FEWEST,
@@ -29,7 +28,6 @@ from coaxlink.instruments.flight.still import (
     Held,
     away,
     held_in_flight,
-    independent_share,
     is_no_reading,
     rows_of,
 )
@@ -104,20 +102,53 @@ class Commands:
             why = f"it moves in steps of {step:.2g}, the other commands in {others:.1g}: rounded"
             yield name, every, why
             return
-        designs = [design_of(np.delete(self.values, k, axis=1), usable)[free.rows] for k in range(len(names))]
-        free = replace(free, designs=designs)
         for some in free.halves():
-            if (late := some.late()) and abs(late[1]) > PERIOD_S:
+            if late := self._late(some, usable):
                 ms, way = 1000.0 * abs(late[1]), "late" if late[1] > 0.0 else "early"
                 why = f"it fits the other commands {ms:.0f} ms {way}: this column's stamps are off"
                 yield late[0], every, why
                 return
+        free = self._beside(free, names, usable)
         total = self.values[free.rows].sum(axis=1)  # a mixer's curve is another near the ground's idle
         free = free.take(np.abs(total / np.median(total) - 1.0) < USUAL)
         changed = free.changed() if len(free.rows) >= LEAST_ROWS else None
-        if changed and not _mixer_changed(free, changed[0]):
+        if changed and self._goes_with(changed[0], free, usable):
             why = f"at {changed[1]:.1f} s its zero or scale changes against the other commands"
             yield changed[0], every, why
+
+    def _beside(self, free: Columns, names: Sequence[str], usable: Mask) -> Columns:
+        """These columns of them, each with what the others of these make of it."""
+        values = self.values[:, [self.log.motors.index(n) for n in names]]
+        designs = [design_of(np.delete(values, k, axis=1), usable)[free.rows] for k in range(len(names))]
+        return replace(free, names=names, values=values, designs=designs)
+
+    def _goes_with(self, suspect: str, free: Columns, usable: Mask) -> bool:
+        """Whether half of what any is off by is gone without this one.
+
+        Else no column is off: a mixer that has more than its demands (a wake that is led), or is another one
+        from some moment on (a table that is uploaded between two flights), moves them all.
+        """
+        rest = self._beside(free, [n for n in free.names if n != suspect], usable)
+        every = self._beside(free, free.names, usable)
+        return max(rest.off_by()) < HALF * every.off_by()[free.names.index(suspect)]
+
+    def _late(self, free: Columns, usable: Mask) -> tuple[str, float] | None:
+        """The one that fits the rest at another time, and by how much it comes later, s.
+
+        What they are off by goes with it, or else the rest fit one another at their own time, but for as few
+        as can be told from the others.
+        """
+        names = list(free.names)
+        late = self._beside(free, names, usable).late()
+        if late is None or self._goes_with(late[0], free, usable):
+            return late
+        odd = late
+        for _ in range((len(names) - DEMANDS) // 2):
+            names.remove(odd[0])
+            if (more := self._beside(free, names, usable).late(gone=0.0)) is None:
+                return late
+            odd = more
+        return None
 
 
 def _limits(log: FlownLog, commands: Array, flying: Mask) -> set[float]:
@@ -148,29 +179,6 @@ def design_of(others: Array, usable: Mask) -> Array:
     z = np.nan_to_num(z)
     first, second = np.triu_indices(z.shape[1])
     return np.concatenate([np.ones((len(z), 1)), z, z[:, first] * z[:, second]], axis=1)
-
-
-def _mixer_changed(free: Columns, suspect: str) -> bool:
-    """Whether commands fit one another, a suspect left out, by one mixer before a moment and by another one
-    behind it: a table that was uploaded between two flights moves them all, and then no column is off."""
-    others = np.delete(free.values[free.rows], free.names.index(suspect), axis=1)
-    time, every = free.time[free.rows], np.ones(len(free.rows), bool)
-    moments = np.quantile(time, np.linspace(0.1, 0.9, MOMENTS))
-    for j, own in enumerate(others.T):
-        design = design_of(np.delete(others, j, axis=1), every)
-        whole = float(np.mean(left(own, design) ** 2)) + FEWEST**2
-        for moment in moments:
-            first = time < moment
-            if min(first.sum(), (~first).sum()) < LEAST_ROWS:
-                continue
-            rest = np.empty_like(own)
-            for part in (first, ~first):
-                rest[part] = left(own[part], design[part])
-            now, rows = float(np.mean(rest**2)) + FEWEST**2, len(rest) * independent_share(rest)
-            numbers = design.shape[1] * float(np.log(max(rows, 2.0)))  # twice as many as one mixer's (BIC)
-            if 0.5 * (rows * float(np.log(whole / now)) - numbers) > SURE + np.log(len(moments)):
-                return True
-    return False
 
 
 def motors_too_many(log: FlownLog) -> list[Finding]:
