@@ -18,7 +18,7 @@ from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.resolution import resolution_of
 from coaxlink.frames import Array
 from coaxlink.instruments.findings import Finding, Mask, runs_of
-from coaxlink.instruments.flight.apart import COARSE_STEP, HALF, Columns, rounded
+from coaxlink.instruments.flight.apart import COARSE_STEP, HALF, PERIOD_S, Columns, rounded
 from coaxlink.instruments.flight.flown_log import FlownLog
 from coaxlink.instruments.flight.still import (
     FEWEST,
@@ -141,7 +141,7 @@ class Commands:
         """
         names = list(free.names)
         late = self._beside(free, names, usable).late()
-        if late is None or abs(late[1]) <= 0.5 * self.log.step_s:
+        if late is None or abs(late[1]) <= PERIOD_S + 0.5 * self.log.step_s:
             return None
         if self._goes_with(late[0], free, usable):
             return late
