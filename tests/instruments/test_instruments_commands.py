@@ -137,6 +137,10 @@ def test_a_command_that_is_late_is_told_by_how_much() -> None:
                 ((column, rows, why),) = found(log)
                 assert column == "motor5" and rows.all()
                 assert f"{1000 * abs(late):.0f} ms {'late' if late > 0 else 'early'}" in why
+        with case("half a row"):
+            log = flown()
+            log["motor5"] = np.interp(t - 0.5 / RATE, t, log["motor5"])
+            assert found(log) == []
 
 
 def test_a_mixer_of_more_than_four_demands_has_no_late_command() -> None:
