@@ -137,7 +137,7 @@ class Commands:
         a row, which is as near as rows tell.
 
         What they are off by goes with it; or it is the worst, and the rest fit one another at their own time,
-        but for as few as can be told from the others.
+        but for as few as can be distinguished from the others.
         """
         names = list(free.names)
         every = self._beside(free, names, usable)
