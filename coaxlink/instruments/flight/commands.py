@@ -122,15 +122,14 @@ class Commands:
         designs = [design_of(np.delete(values, k, axis=1), usable)[free.rows] for k in range(len(names))]
         return replace(free, names=names, values=values, designs=designs)
 
-    def _goes_with(self, suspect: str, free: Columns, usable: Mask) -> bool:
+    def _goes_with(self, suspect: str, every: Columns, usable: Mask) -> bool:
         """Whether half of what this one is off by is more than any is off by without it.
 
         Else no column is off: a mixer that has more than its demands (a wake that is led), or is another one
         from some moment on (a table that is uploaded between two flights), moves them all.
         """
-        rest = self._beside(free, [n for n in free.names if n != suspect], usable)
-        every = self._beside(free, free.names, usable)
-        return max(rest.off_by()) < HALF * every.off_by()[free.names.index(suspect)]
+        rest = self._beside(every, [n for n in every.names if n != suspect], usable)
+        return max(rest.off_by()) < HALF * every.off_by()[every.names.index(suspect)]
 
     def _late(self, free: Columns, usable: Mask) -> tuple[str, float] | None:
         """The one that fits the rest at another time, and by how much it comes later, s: by more than half
@@ -144,7 +143,7 @@ class Commands:
         late = every.late()
         if late is None or abs(late[1]) <= PERIOD_S + 0.5 * self.log.step_s:
             return None
-        if self._goes_with(late[0], free, usable):
+        if self._goes_with(late[0], every, usable):
             return late
         off_by, odd = every.off_by(), late
         if off_by[names.index(late[0])] < max(off_by):
