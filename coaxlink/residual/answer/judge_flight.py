@@ -110,7 +110,7 @@ def _open_ends(found: Flown, lead: Hypothesis, left: Left, reported: Decision) -
         return []
     ch, parts = found.channels, list[tuple[float, Pieces]]()
     for form in left.forms:
-        parts.append((alone("form", max(form.log_evidence, 0.0)), pieces_of(left.channels, form.shown)))
+        parts.append((alone("form", form.log_evidence), pieces_of(left.channels, form.shown)))
     for line in left.lines:
         words = f"it comes and goes with a period of {line.period_s:.2g} s, by nothing recorded"
         parts.append((alone("line", line.log_evidence), {line.channel: [(line.rms, TIME, words)]}))

@@ -189,7 +189,7 @@ def _left_open(found: Posterior, left: Left, apart: Collection[str]) -> dict[str
     return {
         "name": less,
         "lag": whole - less,
-        "form": max((f.log_evidence for f in left.forms if f.log_evidence > 0.0), default=0.0),
+        "form": max((f.log_evidence for f in left.forms), default=0.0),
         "line": max((line.log_evidence for line in left.lines), default=0.0),
         "strain": max((strain.log_evidence for strain in left.strains(best_of(found, apart))), default=0.0),
     }

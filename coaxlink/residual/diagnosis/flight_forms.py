@@ -1,6 +1,8 @@
 """What a flight holds beyond the set that is said: free forms of one channel over what was recorded.
 
-A form is judged beside what it leaves: were noise what no effect explains, an oddity would be noise.
+A form is judged beside what it leaves: were noise what no effect explains, an oddity would be noise. Gusts
+that the loops answer hang together for longer than any tempering has them: what a form makes of them does not
+come again, so rows that the fit did not see have to be better with it.
 """
 
 from __future__ import annotations
@@ -10,11 +12,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, ttest_1samp
 from scipy.stats import f as fisher
 
 from coaxlink.effects.tracing import Array
 from coaxlink.evidence.blocks import FORM_LENGTHS, Block, in_channel, products, waves
+from coaxlink.evidence.held_out import Index, Regression
 from coaxlink.evidence.likelihood import JITTER
 from coaxlink.evidence.noise import autocorrelation_time, white
 from coaxlink.residual.diagnosis.channels import Channels
@@ -29,6 +32,9 @@ PLACE = ("north_m", "east_m")
 TIME = "time_s"
 LOADS = ("thrust", "torque")
 PATHS = (TIME, "voltage_V", *PLACE, " & ".join(PLACE))  # what a vehicle seldom comes back to
+# of forms that are nothing, those that are better on rows that no fit saw; log evidence, judgement: what has
+# more is shown though it came once, of which blocks say nothing
+BY_CHANCE, OVERWHELMING = 0.05, 100.0
 # cycles of a period in a log, judgement: fewer are a trend; frequencies to either side that a line stands out
 # from
 CYCLES, BESIDE = 3, 16
@@ -78,7 +84,7 @@ class Left:
 
     @cached_property
     def forms(self) -> tuple[Form, ...]:
-        """Of every channel the likeliest, of what is large enough, the odds of a form paid.
+        """Of every channel the likeliest of what is large enough and comes again, the odds of a form paid.
 
         Over a path in time and over all else one each is weighed: whatever goes with something goes with
         time as well.
@@ -89,7 +95,9 @@ class Left:
             mine = [name for _, name in ranked if name.split("|")[1] == channel]
             best = [next((n for n in mine if (_over(n) in PATHS) == late), "") for late in (False, True)]
             forms = [self._form(self._about(name), channel) for name in best if name]
-            out += sorted((f for f in forms if f.size >= LEAST), key=lambda f: -f.log_evidence)[:1]
+            large = [f for f in forms if f.size >= LEAST and f.log_evidence > 0.0]
+            shown = [f for f in large if f.log_evidence > OVERWHELMING or self._recurs(f.shown, channel)]
+            out += sorted(shown, key=lambda f: -f.log_evidence)[:1]
         return tuple(out)
 
     @cached_property
@@ -158,6 +166,13 @@ class Left:
         z = np.linalg.solve(low, mine.T @ (self.without.left[:, c] / fit.noise[c]))
         return float(0.5 * z @ z - np.sum(np.log(np.diag(low))))
 
+    def _recurs(self, h: Hypothesis, channel: str) -> bool:
+        """Whether a channel's rows are better with a form that was fitted to others: a t test over blocks."""
+        c = self.channels.names.index(channel)
+        squares = [_held_out(x, self.channels.block)[:, c] ** 2 for x in (self.without, h)]
+        better = np.bincount(self.channels.block, squares[0] - squares[1])
+        return bool(ttest_1samp(better, 0.0, alternative="greater").pvalue < BY_CHANCE)
+
     def _form(self, h: Hypothesis, channel: str) -> Form:
         """Nats are tempered by how long what the form leaves hangs together; of a path in time, by how long
         that does which the form explains: so does a gust. Its size is what it adds once corrections gave way.
@@ -169,6 +184,14 @@ class Left:
         moved = self.without.left[:, c] - h.left[:, c]
         size = float(np.sqrt(np.mean(moved**2)) / self.channels.reference[c])
         return Form(h, float(ahead / time + h.log_prior - self.without.log_prior), size)
+
+
+def _held_out(h: Hypothesis, block: Index) -> Array:
+    """(rows, C) residual of every row under the set that did not see its block."""
+    columns = np.concatenate(h.white, axis=-1)
+    none = np.zeros(columns.shape[-1])
+    target = h.left + columns @ h.fit.values
+    return Regression(columns, target, none, h.fit.deviation, h.fit.noise, block).held_out
 
 
 def _over(form: str) -> str:

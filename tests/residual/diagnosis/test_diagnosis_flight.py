@@ -83,6 +83,25 @@ def test_a_gust_is_no_path_in_time_but_what_goes_with_a_velocity_is_told():
     assert found.log_evidence > 20.0 and found.shown.names == {"vel_x_body_m_s|load"}
 
 
+def band_passed(times, size, random):
+    """A height that passes a band so many times, 40 rows in all, and a load with a bump there; of a gusty
+    day's noise."""
+    height, most = random.uniform(0.3, 1.0, ROWS), 40 // times
+    for k in range(times):
+        at = int((k + 0.5) * ROWS / times)
+        height[at : at + most] = np.linspace(0.0, 0.2, most)
+    return height, size * np.exp(-((height / 0.12) ** 2)) + random.normal(0.0, 2.0, ROWS)
+
+
+@pytest.mark.parametrize(("times", "size", "count"), [(2, 5.0, 0), (20, 5.0, 1), (2, 12.0, 1)])
+def test_what_does_not_come_again_is_a_gust_unless_it_is_overwhelming(times, size, count):
+    height, load = band_passed(times, size, np.random.default_rng(4))
+    left = left_beside_nothing(load, height_m=height)
+    assert [f.shown.names for f in left.forms] == [{"height_m|load"}] * count
+    name = next(n for n in left.channels.forms if n.startswith("height_m"))
+    assert left._form(left._about(name), "load").log_evidence > 12.0  # enough for all three
+
+
 def strains_of(moment):
     """Of a flight with a constant moment, whose four rotors may each differ by 0.15 % of their thrust."""
     arms = (300.0, -300.0, 280.0, -280.0)  # N m of a whole thrust
