@@ -141,7 +141,7 @@ class Regression:
     def _solved(self, weights: Array, mean: Array) -> Array:
         """(P,) of blocks by their weights (B,)."""
         gram, moment = (np.tensordot(weights, x, axes=1) for x in self.products)
-        precision = 1.0 / np.maximum(self.deviation, 1e-300) ** 2
+        precision = 1.0 / np.maximum(self.deviation, 1e-150) ** 2
         moment = moment + precision * mean
         scale = np.sqrt(np.maximum(np.diagonal(gram) + precision, 1e-300))
         gram = (gram + np.diag(precision)) / np.outer(scale, scale) + ROUNDING * np.eye(self.width)

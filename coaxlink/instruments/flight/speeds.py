@@ -142,7 +142,7 @@ def _speeds(log: FlownLog, rotors: Sequence[int], commands: Array, usable: Mask)
     ]
     more = np.stack([left(values[speeds.rows, k], own[k]) for k in range(len(names))], axis=1)
     moves = np.std(values[speeds.rows], axis=0)
-    if not np.median(np.mean(more**2, axis=0) / np.maximum(moves, 1e-300) ** 2) < HALF:
+    if not np.median(np.mean(more**2, axis=0) / np.maximum(moves, 1e-150) ** 2) < HALF:
         return None
     common = [np.median(np.delete(more, k, axis=1), axis=1) for k in range(len(names))]
     return replace(speeds, designs=[np.column_stack([a, b]) for a, b in zip(own, common, strict=True)])
