@@ -168,6 +168,8 @@ class Left:
 
     def _recurs(self, h: Hypothesis, channel: str) -> bool:
         """Whether a channel's rows are better with a form that was fitted to others: a t test over blocks."""
+        if np.ptp(self.channels.block) == 0:  # a log so short that nothing can be held out
+            return False
         c = self.channels.names.index(channel)
         squares = [_held_out(x, self.channels.block)[:, c] ** 2 for x in (self.without, h)]
         better = np.bincount(self.channels.block, squares[0] - squares[1])
