@@ -1,8 +1,8 @@
 """What a flight holds beyond the set that is said: free forms of one channel over what was recorded.
 
-A form is judged beside what it leaves: were noise what no effect explains, an oddity would be noise. Gusts
-that the loops answer hang together for longer than any tempering has them: what a form makes of them does not
-come again, so rows that the fit did not see have to be better with it.
+A form is judged beside what it leaves: were noise what no effect explains, an oddity would be noise. In sound
+flights too some form explains what does not come again, so rows that the fit did not see have to be better
+with it.
 """
 
 from __future__ import annotations
